@@ -57,7 +57,7 @@ class Matcher:
         verifies: bool = False,
     ) -> None:
         fast, exact = chosen_kernels(matching)
-        # What computes `scores`, and whether they are the definition's to 1e-6.
+        # What computes scores, and whether they are the definition's to 1e-6.
         self.kernel, self.exact = fast.name, fast.exact
         self._map, self._keeps_all = reference_map, kept is None
         self._least_bits = saliency_threshold * ENTROPY.max_bits
@@ -101,16 +101,16 @@ class Matcher:
         """Return a reference as geometry reads it, if it shows something and geometry is asked."""
         return self._kept_arranged(index)
 
-    def scores(self, query: Features, indices: Indices) -> Row:
-        """Return pair scores with references, (n,), in [0, 1]; NaN where one shows nothing."""
-        return self.scores_of([(query, indices)])[0]
-
     def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
-        """Return what `scores` does for several queries, with all references read in one go."""
+        """
+        Return pair scores of queries with references each, (n,), in [0, 1].
+
+        They are NaN where a reference shows nothing; all references are read in one go.
+        """
         return self._fast.scores_of([(query.approximate, indices) for query, indices in asked])
 
     def rough_scores(self, query: Features, indices: Indices) -> Row | None:
-        """Return what `scores` does, by a sixteenth of the work; None if the kernel has none."""
+        """Return rough scores (n,), by a sixteenth of the work; None if the kernel has none."""
         if query.rough is None or self._rough is None:
             return None
         return self._rough.scores_of([(query.rough, indices)])[0]
@@ -175,8 +175,7 @@ class DescriptorMatcher(Matcher):
     def __init__(self, reference_map: ReferenceMap) -> None:
         self.kernel, self.exact, self._map = 'cosine', True, reference_map
 
-    def reset(self) -> None:
-        """Forget nothing."""
+    def reset(self) -> None: ...
 
     def extract(self, descriptor: Descriptor) -> Features | None:
         """Return the vector of a query at unit length, or None if it shows nothing."""
@@ -199,8 +198,7 @@ class DescriptorMatcher(Matcher):
         """Return None: geometry is not asked."""
         return None
 
-    def warm_up(self) -> None:
-        """Make nothing."""
+    def warm_up(self) -> None: ...
 
 
 def make_matcher(reference_map: ReferenceMap, config: Config) -> Matcher:

@@ -164,7 +164,7 @@ def matcher(reference_map, **settings):
 def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
     references = [drawn(seed, 0.5) for seed in range(24)]
     query, one = described(drawn(3, 0.6)), matcher(map_of(*references))
-    found = one.scores(one.extract(query), np.arange(24))
+    found = one.scores_of([(one.extract(query), np.arange(24))])[0]
     background = Background(map_of(*references), normalized, projected_regions)
     background.update_map()
     cells = normalized(query.cells)
@@ -185,7 +185,7 @@ def test_what_all_images_have_in_common_no_longer_lifts_the_wrong_places():
     query, found = described(drawn(7, 0.55)), {}
     for subtracts in (True, False):
         one = matcher(reference_map, subtract_background=subtracts)
-        scores = one.scores(one.extract(query), np.arange(40))
+        scores = one.scores_of([(one.extract(query), np.arange(40))])[0]
         assert scores.argmax() == 7
         elsewhere = np.delete(scores, 7)
         found[subtracts] = (scores[7] - elsewhere.mean()) / elsewhere.std(), elsewhere.mean()

@@ -57,7 +57,7 @@ def test_a_reference_that_shows_nothing_has_no_score(made):
         found = scores(query, np.arange(5))
         assert np.isnan(found).tolist() == [False, True, False, True, False]
         assert np.nanargmax(found) == 4
-    assert np.isnan(matcher.scores(query, np.array([3]))).all()
+    assert np.isnan(matcher.scores_of([(query, np.array([3]))])[0]).all()
     assert matcher.shift(query, 1) is None
     assert matcher.field(query, 1, (0.0, 0.0)).shape == (0, 5)
 
@@ -74,12 +74,12 @@ def test_a_score_depends_on_no_other_reference_thread_or_cache(made):
     indices = np.random.default_rng(0).permutation(70)
     plain = made(reference_map)
     query = plain.extract(drawn(9))
-    expected = plain.scores(query, indices)
+    expected = plain.scores_of([(query, indices)])[0]
     for kept, threads in ((None, 2), (3, 1), (3, 4)):
         matcher = made(reference_map, kept, threads)
-        found = matcher.scores(matcher.extract(drawn(9)), indices)
+        found = matcher.scores_of([(matcher.extract(drawn(9)), indices)])[0]
         assert np.array_equal(found, expected, equal_nan=True)
-    alone = [plain.scores(query, indices[place : place + 1])[0] for place in range(70)]
+    alone = [plain.scores_of([(query, indices[place : place + 1])])[0][0] for place in range(70)]
     assert np.array_equal(alone, expected, equal_nan=True)
 
 
@@ -117,10 +117,10 @@ def test_references_are_read_in_one_go_and_once(made, watched, threads):
     assert watched.reads == [[3, 7, 30, 9]]
     assert [len(one) for one in found] == [3, 3] and found[1].argmax() == 2
     for _ in range(2):
-        found = matcher.scores(query, np.array([9, 7, 3]))
+        found = matcher.scores_of([(query, np.array([9, 7, 3]))])[0]
         assert found.argmin() == 1 and np.isnan(found[1]) and found[0] > found[2]
     assert len(watched.reads) == 1
-    matcher.scores(query, np.array([30, 31, 32]))
+    matcher.scores_of([(query, np.array([30, 31, 32]))])[0]
     assert watched.reads[1:] == [[31, 32]]
 
 
@@ -131,21 +131,21 @@ def test_a_failure_in_any_lot_is_told_and_forgotten(made, watched, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(watched, 'packed_of', lambda indices: [None] * len(indices))
         with pytest.raises((AttributeError, TypeError)):
-            matcher.scores(query, np.arange(40))
-    matcher.scores(query, np.arange(40))
+            matcher.scores_of([(query, np.arange(40))])[0]
+    matcher.scores_of([(query, np.arange(40))])[0]
     assert watched.reads == [list(range(40))]
 
 
 def test_exact_scores_are_those_of_the_definition(made, way):
     reference_map = drawn_map(6)
     definition = Matcher(reference_map, MatchingConfig(matching=way, kernel='numpy'), 0.45)
-    expected = definition.scores(definition.extract(drawn(2)), np.arange(6))
+    expected = definition.scores_of([(definition.extract(drawn(2)), np.arange(6))])[0]
     matcher = made(reference_map)
     query = matcher.extract(drawn(2))
     assert np.abs(exact_scores(matcher, query, np.arange(6)) - expected).max() < 1e-6
     assert matcher.exact == (not matcher.kernel.startswith('int8'))
     if matcher.exact:
-        assert np.abs(matcher.scores(query, np.arange(6)) - expected).max() < 1e-6
+        assert np.abs(matcher.scores_of([(query, np.arange(6))])[0] - expected).max() < 1e-6
 
 
 def test_only_coherent_matching_tells_the_shift(made, way):

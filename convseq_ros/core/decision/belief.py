@@ -56,35 +56,29 @@ class Belief:
     def reset(self) -> None:
         """Forget the drive: the robot is elsewhere."""
         self.motion.reset()
-        self._places: Indices = np.zeros(0, np.int64)
+        self.places: Indices = np.zeros(0, np.int64)  # that hold mass, (n,), ascending
         self._mass: Doubles = np.zeros((len(self.motion.velocities), 0))
         self._elsewhere = 1.0
 
     @property
     def posterior(self) -> Posterior:
-        """What is believed now."""
-        return Posterior(self._places, self._mass.sum(axis=0), self._elsewhere)
-
-    @property
-    def places(self) -> Indices:
-        """Places that hold mass, (n,), ascending."""
-        return self._places
+        return Posterior(self.places, self._mass.sum(axis=0), self._elsewhere)
 
     def likeliest(self, count: int) -> list[int]:
         """Return the likeliest places, best first, however little mass they hold."""
         order = np.argsort(-self._mass.sum(axis=0), kind='stable')
-        return self._places[order[:count]].tolist()
+        return self.places[order[:count]].tolist()
 
     def velocity(self, place: int) -> float:
         """Return the likeliest velocity at a place, in places a keyframe; 1 if it has no mass."""
-        at = int(np.searchsorted(self._places, place))
-        if at == len(self._places) or self._places[at] != place:
+        at = int(np.searchsorted(self.places, place))
+        if at == len(self.places) or self.places[at] != place:
             return 1.0
         return float(self.motion.velocities[self._mass[:, at].argmax()])
 
     def predict(self, usable: int) -> None:
         """Move the mass; what runs off its session, or the usable places, is elsewhere."""
-        if not len(self._places):
+        if not len(self.places):
             return
         places, mass = self._with_looks(usable)
         velocities, columns = np.nonzero(mass > BELIEF.least)
@@ -98,9 +92,9 @@ class Belief:
         there = near >= firsts[columns, None]
         there &= near < np.minimum(stops, usable)[columns, None]
         kept = there & (weights > BELIEF.least)
-        self._places, where = np.unique(near[kept].astype(np.int64), return_inverse=True)
+        self.places, where = np.unique(near[kept].astype(np.int64), return_inverse=True)
         rows = np.repeat(velocities, kept.sum(axis=1))
-        count = len(self._places)
+        count = len(self.places)
         flat = np.bincount(rows * count + where, weights[kept], len(mass) * count)
         own = flat.reshape(len(mass), count)
         anew = self.motion.prior[:, None] * own.sum(axis=0)
@@ -112,20 +106,12 @@ class Belief:
         """
         Multiply the mass by how likely places (n,), ascending, show what the frame shows.
 
-        Parameters
-        ----------
-        places : ndarray of int64, shape (n,)
-            All that hold mass, and perhaps others.
-        log_ratios : ndarray of float64, shape (n,)
-            Log of how many times likelier the frame is at each than elsewhere.
-        entry : ndarray of float64, shape (n,)
-            Share in [0, 1] of what usually enters there that odometry allows.
-        usable : int
-            How many places the map has.
-
+        They are all that hold mass, and perhaps others of the `usable` first ones. `log_ratios`
+        (n,): of how many times likelier the frame is there than elsewhere; `entry` (n,): share in
+        [0, 1] of what usually enters there that odometry allows.
         """
         mass = np.zeros((len(self._mass), len(places)))
-        mass[:, np.searchsorted(places, self._places)] = self._mass
+        mass[:, np.searchsorted(places, self.places)] = self._mass
         share = BELIEF.entering * self._elsewhere * entry + BELIEF.jumping
         mass += self.motion.prior[:, None] * share / max(1, usable)
         mass *= np.exp(log_ratios)
@@ -133,11 +119,11 @@ class Belief:
         total = float(mass.sum()) + elsewhere
         mass, self._elsewhere = mass / total, elsewhere / total
         kept = mass.sum(axis=0) > BELIEF.least
-        self._places, self._mass = places[kept], mass[:, kept]
+        self.places, self._mass = places[kept], mass[:, kept]
 
     def _with_looks(self, usable: int) -> tuple[Indices, Doubles]:
         """Return the mass, a share of each place's on its other looks."""
-        places, mass = self._places, self._mass.copy()
+        places, mass = self.places, self._mass.copy()
         strong = np.flatnonzero(mass.sum(axis=0) > 1e-3)
         shared = dict[int, Doubles]()
         for column in strong.tolist():

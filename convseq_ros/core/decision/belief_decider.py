@@ -32,7 +32,6 @@ class BeliefDecider:
         self._observer = Observer(coarse, self._near, matching.shortlist_length)
 
     def reset(self) -> None:
-        """Forget the drive."""
         self._belief.reset()
         self._observer.reset()
         self._prior.reset()
@@ -63,33 +62,27 @@ class BeliefDecider:
         if not len(posterior.places):
             return Answer(Reason.WEAK, (), length, 0.0)
         best = int(posterior.places[posterior.mass.argmax()])
-        confidence = min(1.0, posterior.of(self._same(posterior, best)))
+        is_same = self._near.mask(posterior.places, best, _WINDOW)
+        confidence, excess_m = min(1.0, posterior.of(is_same)), None
         is_sure = confidence >= config.min_confidence
         if is_sure and not self._prior.is_denied(best, query.session_start):
-            best = self._best_look(best, seen)
+            reason, best = Reason.ACCEPTED, self._best_look(best, seen)
             self._learn(best, seen, query.session_start)
-            found = self._candidates(best, posterior, seen, query)
-            return Answer(Reason.ACCEPTED, found, length, confidence)
-        found = self._candidates(best, posterior, seen, query)
-        excess_m = self._prior.excess_m(best, query.session_start)
-        others = 1 - posterior.elsewhere - confidence
-        if excess_m is not None:
+        elif (excess_m := self._prior.excess_m(best, query.session_start)) is not None:
             reason = Reason.IMPLAUSIBLE
         elif not seen.has_rivals:
             reason = Reason.TOO_FEW_RIVALS
         else:
+            others = 1 - posterior.elsewhere - confidence
             reason = Reason.AMBIGUOUS if others > posterior.elsewhere else Reason.WEAK
+        found = self._candidates(best, posterior, seen, query)
         return Answer(reason, found, length, confidence, excess_m)
-
-    def _same(self, posterior: Posterior, best: int) -> Flags:
-        return self._near.mask(posterior.places, best, _WINDOW)
 
     def _best_look(self, best: int, seen: Observation) -> int:
         """Return the look of a place that the newest frame shows best."""
         looks = self._strengths(best, seen)
         shown = max(looks, key=lambda one: looks[one], default=best)
-        is_beside = shown in self._map.bounds.around(best, _WINDOW)
-        return best if is_beside else shown
+        return best if shown in self._map.bounds.around(best, _WINDOW) else shown
 
     def _learn(self, best: int, seen: Observation, session_start: int) -> None:
         """Take in a match."""

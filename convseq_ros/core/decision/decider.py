@@ -71,7 +71,6 @@ class PaperDecider:
         self._listed = config.matching.shortlist_length
 
     def reset(self) -> None:
-        """Forget the drive."""
         self._coarse.reset()
 
     def share(self, _other: object) -> None:

@@ -76,11 +76,9 @@ class RecentMean:
 
     @property
     def value(self) -> float:
-        """The mean."""
         return self._sum / self._count
 
     def add(self, value: float) -> None:
-        """Take in the newest value."""
         keep = 1 - 1 / RATIO.memory
         self._sum, self._count = keep * self._sum + value, keep * self._count + 1
 
@@ -105,7 +103,6 @@ class Likelihood:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the drive."""
         self._strength_scale = RecentMean(1.0, RATIO.memory / 2)
         self._score_scale = RecentMean(RATIO.prior_score, RATIO.memory / 2)
         # What matches usually have, as a logarithm: places of other drives, and of this one.

@@ -42,7 +42,6 @@ class MotionModel:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the drive."""
         self._pose: Pose | None = None
         self._total_m, self._ways = 0.0, 0  # of the drive, as far as odometry knew
         # Since the keyframe before, negative in reverse gear; None if it is not known.

@@ -100,7 +100,6 @@ class Observer:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the drive."""
         self._coarse.reset()
         self.likelihood.reset()
         self._frames = 0  # of the drive
@@ -130,7 +129,8 @@ class Observer:
         if not len(places):
             return Observation(believed, np.zeros(len(believed)), {}, False)
         peaks = self._peaks(places, scores, OBSERVED.peaks)
-        verified = buffer.verified([*peaks, *_known(places, predicted[: OBSERVED.checked])])
+        checked = [one for one in predicted[: OBSERVED.checked] if one in places]
+        verified = buffer.verified([*peaks, *checked])
         best = _strongest(verified, peaks[0])
         beside = places[self._near.beside(places, best, OBSERVED.beside)]
         verified |= buffer.verified(beside.tolist())
@@ -221,18 +221,12 @@ class Observer:
         return places[found].tolist()
 
     def _elsewhere(self, places: Indices, best: int) -> Indices:
-        """Return the places that are controls of the best one."""
         return places[~self._near.mask(places, best)]
 
 
 def _strongest(verified: Mapping[int, Verification], otherwise: int) -> int:
     """Return the place that is verified best, the first of equals."""
     return max(verified, key=lambda one: strength_of(verified[one]), default=otherwise)
-
-
-def _known(places: Indices, wanted: Sequence[int]) -> list[int]:
-    """Return which wanted places are among some."""
-    return [one for one in wanted if one in places]
 
 
 def _scored(buffer: QueryBuffer, places: Indices) -> tuple[Indices, Doubles]:

@@ -46,7 +46,6 @@ class Way:
     sure: dict[str, Fix] = field(default_factory=dict)  # the last, by frame
 
     def move(self, here: Matrix) -> None:
-        """Take in where odometry is."""
         last = here if self.last is None else self.last
         self.way_m += float(np.linalg.norm(here[:3, 3] - last[:3, 3]))
         self.turn_rad += angle(last[:3, :3].T @ here[:3, :3])
@@ -66,7 +65,6 @@ class OdometryPrior:
         self._way = other._way
 
     def reset(self) -> None:
-        """Forget the drive."""
         self._here: Matrix | None = None
         self._way.last, self._way.way_m, self._way.turn_rad = None, 0.0, 0.0
         self._way.sure.clear()
