@@ -110,7 +110,7 @@ def leads(drive: Drive) -> Iterator[tuple[float, float, bool]]:
         if not found or not found.leads or not found.has_rivals:
             continue
         best = int(found.leads.strength.argmax())
-        away = abs(where[made.places[int(found.leads.places[best])].stamp_ns] - there)
+        away = abs(where[made.places[sorted(found.verified)[best]].stamp_ns] - there)
         off = min(away, abs(drive.lap - away))
         if off <= drive.right or off > drive.wrong:
             yield found.leads.strength[best], found.leads.score[best], off <= drive.right

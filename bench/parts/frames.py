@@ -30,7 +30,7 @@ from convseq_ros.core.frame_gate import FrameGate
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.recognizer import Closures, PlaceRecognizer
+from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence import query_buffer
 from convseq_ros.core.sequence.coarse_scores import CoarseScores, Track
 from convseq_ros.core.similarity.coherent import COHERENT
@@ -63,7 +63,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
         (OdometryPrior, 'shares'),
         (Belief, 'update'),
     ),
-    'report': ((BeliefDecider, '_answer'), (Closures, 'complete')),
+    'report': ((BeliefDecider, '_answer'), (PlaceRecognizer, '_complete')),
 }
 BY_PEAK = ('pair scores',)  # the stages whose time goes with the integer peak
 REST = 'the rest'

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from convseq_ros.config import AcceptanceConfig, Config
+from convseq_ros.config import Config
 from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.decider import PaperDecider, Query
 from convseq_ros.core.decision.localizer import Localizer
@@ -20,7 +20,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, make_matcher, Matcher
 from convseq_ros.core.pose.estimate import measured
 from convseq_ros.core.pose.relative_pose import RelativePoses
-from convseq_ros.core.sequence.coarse_scores import Coarse, CoarseScores, EveryPlace
+from convseq_ros.core.sequence.coarse_scores import Coarse, CoarseScores
 from convseq_ros.core.sequence.query_buffer import choose_length, QueryBuffer
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Anchor, Descriptor, Frame, Match, Reason, Status
@@ -70,12 +70,13 @@ class PlaceRecognizer:
         self.matcher = matcher or make_matcher(reference_map, config)
         self.buffer = QueryBuffer(self.matcher, reference_map.bounds)
         if config.matching.search == 'exhaustive':
-            coarse = EveryPlace()
+            coarse = Coarse()
         coarse = coarse or CoarseScores(reference_map, config.matching.both_directions)
         decider: type[BeliefDecider | PaperDecider]
         decider = BeliefDecider if config.believes else PaperDecider
         self.decider = decider(reference_map, coarse, config)
-        self.closures = Closures(reference_map, self.matcher, config)
+        self._poses = RelativePoses(reference_map, self.matcher, config.reading)
+        self._accepted_ns: int | None = None  # when the newest match was
         self.order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
         self.localizer = Localizer(reference_map)
         self.only_maps = False  # whether places are added, and none is recognised
@@ -176,7 +177,21 @@ class PlaceRecognizer:
         found = said.candidates, said.length, pairs, said.confidence
         match = answer(Status.REJECTED, said.reason, *found, implausible_m=said.implausible_m)
         # Ours: where was the robot against the place? Matches are kept apart in time.
-        return self.closures.complete(match, frame, features, config.acceptance)
+        return self._complete(match, frame, features)
+
+    def _complete(self, match: Match, frame: Frame, features: Features) -> Match:
+        """Return an answer complete; no match follows another sooner than `closure_interval_s`."""
+        match = replace(match, candidates=self.matcher.with_shift(features, match.candidates))
+        if match.reason is not Reason.ACCEPTED:
+            return match
+        interval_ns = round(self.config.acceptance.closure_interval_s * 1e9)
+        if self._accepted_ns is not None and frame.stamp_ns - self._accepted_ns < interval_ns:
+            return replace(match, reason=Reason.COOL_DOWN)
+        self._accepted_ns = frame.stamp_ns
+        pose, known = self._poses.measure(features, frame, match.candidates[0]), self.reference_map
+        place = known.places[known.links.anchor(match.candidates[0].reference_index)]
+        anchor = Anchor(known.sessions[place.session].id, place.stamp_ns)
+        return replace(match, status=Status.ACCEPTED, relative_pose=pose, anchor=anchor)
 
     def _again(self, answer: partial[Match], reason: Reason) -> Match:
         """Answer once more as for the last keyframe; this is none, so no match."""
@@ -188,41 +203,8 @@ class PlaceRecognizer:
 
     def reset(self) -> None:
         """Forget the frames so far; counting goes on, and so does the map."""
-        self._last = None
+        self._last = self._accepted_ns = None
         self._expected.clear()
-        stages = self.order, self.gate, self.matcher, self.buffer, self.decider, self.closures
-        for stage in (*stages, self.localizer):
+        stages = self.order, self.gate, self.matcher, self.buffer, self.decider, self.localizer
+        for stage in stages:
             stage.reset()
-
-
-class Closures:
-    """Measures matches, and keeps them apart in time."""
-
-    def __init__(self, reference_map: ReferenceMap, matcher: Matcher, config: Config) -> None:
-        self._map, self._matcher = reference_map, matcher
-        self._poses = RelativePoses(reference_map, matcher, config.reading)
-        self._accepted_ns: int | None = None
-
-    def reset(self) -> None:
-        self._accepted_ns = None
-
-    def complete(
-        self, match: Match, frame: Frame, features: Features, config: AcceptanceConfig
-    ) -> Match:
-        """Return an answer complete; no match follows another sooner than `closure_interval_s`."""
-        if not match.candidates:
-            return match
-        match = replace(match, candidates=self._matcher.with_shift(features, match.candidates))
-        if match.reason is not Reason.ACCEPTED:
-            return match
-        last_ns, interval_ns = self._accepted_ns, round(config.closure_interval_s * 1e9)
-        if last_ns is not None and frame.stamp_ns - last_ns < interval_ns:
-            return replace(match, reason=Reason.COOL_DOWN)
-        self._accepted_ns = frame.stamp_ns
-        pose = self._poses.measure(features, frame, match.candidates[0])
-        anchor = self._anchor(match.candidates[0].reference_index)
-        return replace(match, status=Status.ACCEPTED, relative_pose=pose, anchor=anchor)
-
-    def _anchor(self, index: int) -> Anchor:
-        place = self._map.places[self._map.links.anchor(index)]
-        return Anchor(self._map.sessions[place.session].id, place.stamp_ns)

@@ -20,14 +20,14 @@ from convseq_ros.core.encoding.first_stage import Describe, vector_length, with_
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.sequence.coarse_scores import DriveMean, Usual, usual_of
+from convseq_ros.core.sequence.coarse_scores import Coarse, DriveMean, Usual, usual_of
 from convseq_ros.core.types import Descriptor, Floats, Indices
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.shard import About, Answer, Call, Holder, KEPT, merged, Question
 import numpy as np
 
 
-class FleetScores:
+class FleetScores(Coarse):
     """Asks all shards, by the direction of the newest frame; of a camera, by its number."""
 
     def __init__(

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The matcher: references, kernels and threads behind one interface."""
 
-from functools import partial
 import os
 
 from convseq_ros.config import MatchingConfig
@@ -53,8 +52,8 @@ def made(request, way):
 def test_a_reference_that_shows_nothing_has_no_score(made):
     matcher = made(drawn_map(5, blank=(1, 3)))
     query = matcher.extract(drawn(4))
-    for scores in (matcher.scores, partial(exact_scores, matcher)):
-        found = scores(query, np.arange(5))
+    for scores_of in (matcher.scores_of, matcher.exact_scores_of):
+        found = scores_of([(query, np.arange(5))])[0]
         assert np.isnan(found).tolist() == [False, True, False, True, False]
         assert np.nanargmax(found) == 4
     assert np.isnan(matcher.scores_of([(query, np.array([3]))])[0]).all()

@@ -11,12 +11,11 @@ Sources: Hansen and Browning 2014 (SeqSLAM as a hidden Markov model); Xu, Suende
 2020 (an off-map state).
 """
 
-from dataclasses import dataclass
 import math
 
 from convseq_ros.core.decision.motion import MOTION, MotionModel
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import constants, Doubles, Flags, Indices
+from convseq_ros.core.types import constants, Doubles, Indices
 import numpy as np
 
 _WIDEST = 20.0  # places: of a sigma of the motion that is followed to its ends
@@ -33,21 +32,12 @@ class BELIEF:
     least: float = 1e-9  # of all; a place with less holds none
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Posterior:
-    """How likely the newest frame shows each place; all others together hold nothing."""
-
-    places: Indices  # (n,), ascending
-    mass: Doubles  # (n,), with `elsewhere` 1 in sum
-    elsewhere: float
-
-    def of(self, wanted: Flags) -> float:
-        """Return the mass of some places, a mask (n,)."""
-        return float(self.mass[wanted].sum())
-
-
 class Belief:
-    """Holds the mass, and moves it; at first all is elsewhere."""
+    """
+    Holds the mass, 1 with that of `elsewhere`, and moves it; at first all is there.
+
+    Only `places`, (n,), ascending, hold any.
+    """
 
     def __init__(self, reference_map: ReferenceMap, motion: MotionModel) -> None:
         self._map, self.motion = reference_map, motion
@@ -56,17 +46,18 @@ class Belief:
     def reset(self) -> None:
         """Forget the drive: the robot is elsewhere."""
         self.motion.reset()
-        self.places: Indices = np.zeros(0, np.int64)  # that hold mass, (n,), ascending
+        self.places: Indices = np.zeros(0, np.int64)
         self._mass: Doubles = np.zeros((len(self.motion.velocities), 0))
-        self._elsewhere = 1.0
+        self.elsewhere = 1.0
 
     @property
-    def posterior(self) -> Posterior:
-        return Posterior(self.places, self._mass.sum(axis=0), self._elsewhere)
+    def mass(self) -> Doubles:
+        """How likely the newest frame shows each of `places`, (n,)."""
+        return np.asarray(self._mass.sum(axis=0))
 
     def likeliest(self, count: int) -> list[int]:
         """Return the likeliest places, best first, however little mass they hold."""
-        order = np.argsort(-self._mass.sum(axis=0), kind='stable')
+        order = np.argsort(-self.mass, kind='stable')
         return self.places[order[:count]].tolist()
 
     def velocity(self, place: int) -> float:
@@ -100,7 +91,7 @@ class Belief:
         anew = self.motion.prior[:, None] * own.sum(axis=0)
         changed = (1 - MOTION.changing) * own + MOTION.changing * anew
         self._mass = np.asarray((1 - BELIEF.leaving) * changed, np.float64)
-        self._elsewhere = max(0.0, 1.0 - float(self._mass.sum()))
+        self.elsewhere = max(0.0, 1.0 - float(self._mass.sum()))
 
     def update(self, places: Indices, log_ratios: Doubles, entry: Doubles, usable: int) -> None:
         """
@@ -112,12 +103,12 @@ class Belief:
         """
         mass = np.zeros((len(self._mass), len(places)))
         mass[:, np.searchsorted(places, self.places)] = self._mass
-        share = BELIEF.entering * self._elsewhere * entry + BELIEF.jumping
+        share = BELIEF.entering * self.elsewhere * entry + BELIEF.jumping
         mass += self.motion.prior[:, None] * share / max(1, usable)
         mass *= np.exp(log_ratios)
-        elsewhere = self._elsewhere * (1 - BELIEF.entering)
+        elsewhere = self.elsewhere * (1 - BELIEF.entering)
         total = float(mass.sum()) + elsewhere
-        mass, self._elsewhere = mass / total, elsewhere / total
+        mass, self.elsewhere = mass / total, elsewhere / total
         kept = mass.sum(axis=0) > BELIEF.least
         self.places, self._mass = places[kept], mass[:, kept]
 

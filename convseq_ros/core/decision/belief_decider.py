@@ -3,7 +3,7 @@
 """The belief's decision: a place is a match if it holds nearly all of the mass."""
 
 from convseq_ros.config import Config
-from convseq_ros.core.decision.belief import Belief, Posterior
+from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.decider import Answer, apart, candidate, Query
 from convseq_ros.core.decision.likelihood import strength_of
 from convseq_ros.core.decision.motion import MotionModel
@@ -57,13 +57,13 @@ class BeliefDecider:
         return self._answer(query, seen)
 
     def _answer(self, query: Query, seen: Observation) -> Answer:
-        posterior, config = self._belief.posterior, query.config.acceptance
+        belief, config = self._belief, query.config.acceptance
         length = query.length or len(query.buffer)
-        if not len(posterior.places):
+        if not len(belief.places):
             return Answer(Reason.WEAK, (), length, 0.0)
-        best = int(posterior.places[posterior.mass.argmax()])
-        is_same = self._near.mask(posterior.places, best, _WINDOW)
-        confidence, excess_m = min(1.0, posterior.of(is_same)), None
+        best = int(belief.places[belief.mass.argmax()])
+        is_same = self._near.mask(belief.places, best, _WINDOW)
+        confidence, excess_m = min(1.0, float(belief.mass[is_same].sum())), None
         is_sure = confidence >= config.min_confidence
         if is_sure and not self._prior.is_denied(best, query.session_start):
             reason, best = Reason.ACCEPTED, self._best_look(best, seen)
@@ -73,9 +73,9 @@ class BeliefDecider:
         elif not seen.has_rivals:
             reason = Reason.TOO_FEW_RIVALS
         else:
-            others = 1 - posterior.elsewhere - confidence
-            reason = Reason.AMBIGUOUS if others > posterior.elsewhere else Reason.WEAK
-        found = self._candidates(best, posterior, seen, query)
+            others = 1 - belief.elsewhere - confidence
+            reason = Reason.AMBIGUOUS if others > belief.elsewhere else Reason.WEAK
+        found = self._candidates(best, seen, query)
         return Answer(reason, found, length, confidence, excess_m)
 
     def _best_look(self, best: int, seen: Observation) -> int:
@@ -100,16 +100,14 @@ class BeliefDecider:
         looks = looked[self._near.mask(looked, best, _WINDOW)].tolist()
         return {one: strength_of(seen.verified[one]) for one in looks}
 
-    def _candidates(
-        self, best: int, posterior: Posterior, seen: Observation, query: Query
-    ) -> Candidates:
+    def _candidates(self, best: int, seen: Observation, query: Query) -> Candidates:
         """Return the modes of the belief, no two near each other, the best first."""
-        config, places = query.config.acceptance, posterior.places
+        config, places = query.config.acceptance, self._belief.places
 
         def near(place: int) -> Flags:
             return self._map.bounds.near(places, place, config.rival_distance)
 
-        left = np.where(near(best), -np.inf, posterior.mass)
+        left = np.where(near(best), -np.inf, self._belief.mass)
         others = apart(left, config.num_candidates - 1, lambda at: near(int(places[at])))
         found = best, *places[others].tolist()
         return tuple(self._candidate(one, seen, query) for one in found)

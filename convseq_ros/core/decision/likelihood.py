@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import math
 
 from convseq_ros.core.geometry.verification import Verification
-from convseq_ros.core.types import constants, Doubles, Flags, Indices
+from convseq_ros.core.types import constants, Doubles, Flags
 import numpy as np
 
 
@@ -57,8 +57,7 @@ class RATIO:
 class Leads:
     """By how much verified places lead their hardest control, in scales."""
 
-    places: Indices  # (n,), ascending
-    strength: Doubles  # (n,)
+    strength: Doubles  # (n,), by places
     score: Doubles  # (n,), of a bounded number of scales
 
     @property
@@ -128,9 +127,7 @@ class Likelihood:
         """Return which places (n,) are shown as strongly as matches of this drive are."""
         return self._shares(strengths, is_own) > math.log(RATIO.alike)
 
-    def judge(
-        self, places: Indices, strengths: Doubles, scores: Doubles, is_rival: Flags
-    ) -> Leads:
+    def judge(self, strengths: Doubles, scores: Doubles, is_rival: Flags) -> Leads:
         """
         Return by how much verified places (n,) lead the hardest of the controls among them.
 
@@ -145,7 +142,7 @@ class Likelihood:
         for scale, best in ((self._strength_scale, roots), (self._score_scale, scores)):
             if (gap := gumbel_scale(best[is_rival])) is not None:
                 scale.add(gap)
-        return Leads(places, lead, above.clip(-RATIO.most_scales, RATIO.most_scales))
+        return Leads(lead, above.clip(-RATIO.most_scales, RATIO.most_scales))
 
     def support(self, strengths: Doubles, is_own: Flags) -> Doubles:
         """Return how far a control may deny places (n,): not as strong ones as matches have."""

@@ -182,7 +182,7 @@ class Observer:
             is_rival &= ~is_hypothesis
         controls = self._elsewhere(places, int(looked[best]))
         has_rivals = len(controls) >= OBSERVED.fewest and bool(is_rival.any())
-        leads = judge.judge(looked, strengths, scores[at], is_rival)
+        leads = judge.judge(strengths, scores[at], is_rival)
         log_ratios[at] = leads.log_ratios
         if not has_rivals:  # then nothing is likelier than elsewhere, but the best is the best
             best_ratio = max(0.0, float(log_ratios.max()))

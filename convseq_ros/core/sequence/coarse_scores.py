@@ -8,7 +8,6 @@ References are compared as they are seen from what their own session usually sho
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from convseq_ros.core.compiled import array, available, kernel, SIZE
 from convseq_ros.core.encoding.first_stage import vector_of
@@ -152,35 +151,27 @@ class TRACK:
     reach: int = 3  # places that a drive may pass in a keyframe
 
 
-class Coarse(Protocol):
-    """What names the places that a query may show: of one map, or of many shards."""
+class Coarse:
+    """
+    What names the places that a query may show: all of them, as the paper does (III-D).
 
-    def reset(self) -> None: ...
-
-    def update(self, descriptor: Descriptor, usable: int) -> None:
-        """Take in a query, each once, and how many of the first references it may show."""
-
-    def best(self, along: int, newest: int, passed: Sequence[range] = ()) -> Indices:
-        """
-        Return the likeliest places, ascending, none of those to be passed over.
-
-        So many by the drive up to the newest query, and so many by that query alone.
-        """
-
-
-class EveryPlace:
-    """Names all places, as the paper does (III-D)."""
+    Others name those that are likely, of one map or of many shards.
+    """
 
     _usable = 0
 
     def reset(self) -> None: ...
 
     def update(self, _descriptor: Descriptor, usable: int) -> None:
-        """Take in how many references a query may show."""
+        """Take in a query, each once, and how many of the first references it may show."""
         self._usable = usable
 
     def best(self, _along: int, _newest: int, _passed: Sequence[range] = ()) -> Indices:
-        """Return all places."""
+        """
+        Return the likeliest places, ascending, none of those to be passed over.
+
+        So many by the drive up to the newest query, and so many by that query alone.
+        """
         return np.arange(self._usable)
 
 
@@ -225,7 +216,7 @@ class Track:
         self.sums = best
 
 
-class CoarseScores:
+class CoarseScores(Coarse):
     """
     Scores a query against all references: 1.5 ms and 50 MB at 100,000, in proportion to the map.
 

@@ -41,32 +41,31 @@ def seen(belief, log_ratios, places=None, entry=1.0, unseen=0.0):
     entries = np.ones(len(every))
     entries[at] = entry
     belief.update(every, ratios, entries, len(belief._map))
-    return belief.posterior
+    return belief
 
 
 def masses(belief, count):
     """Return the mass of the first places, and of elsewhere."""
-    found, posterior = np.zeros(count), belief.posterior
-    there = posterior.places < count
-    found[posterior.places[there]] = posterior.mass[there]
-    return found, posterior.elsewhere
+    found, there = np.zeros(count), belief.places < count
+    found[belief.places[there]] = belief.mass[there]
+    return found, belief.elsewhere
 
 
 def sure_of(belief, place):
     """Have a belief be sure of a place."""
     for _ in range(4):
         seen(belief, [40.0], [place], unseen=-40.0)
-    assert belief.posterior.elsewhere < 1e-6
+    assert belief.elsewhere < 1e-6
     return belief
 
 
 def test_the_second_step_by_hand(a_map):
     belief = Belief(a_map(4), Driven())
-    first = seen(belief, np.log([1, 20, 1, 1]))
+    first = seen(belief, np.log([1, 20, 1, 1])).mass
     belief.predict(4)
     mass, elsewhere = masses(belief, 4)
     # All move on by one; the last runs off the map, and of each a two-thousandth leaves it.
-    prior = (1 - 0.0005) * np.array([0, *first.mass[:3]])
+    prior = (1 - 0.0005) * np.array([0, *first[:3]])
     assert mass == pytest.approx(prior) and elsewhere == pytest.approx(1 - prior.sum())
     seen(belief, np.log([1, 1, 20, 1]), entry=[1, 1, 0.5, 0])
     share = (0.004 * elsewhere * np.array([1, 1, 0.5, 0]) + 1e-4) / 4
@@ -106,17 +105,14 @@ def test_the_likeliest_come_best_first_however_little_they_hold(a_map):
     belief = Belief(a_map(6), Driven())
     seen(belief, np.log([5, 450, 5, 300, 0.05, 5]))
     assert belief.likeliest(2) == [1, 3] and belief.likeliest(9) == [1, 3, 0, 2, 5, 4]
-    assert belief.posterior.of(np.array([0, 1, 0, 1, 0, 0], bool)) == pytest.approx(
-        sum(masses(belief, 6)[0][[1, 3]])
-    )
 
 
 def test_mass_runs_off_the_end_of_a_session_and_of_what_may_be_matched(a_map):
     for place, usable in ((4, 10), (9, 10), (6, 7)):
         belief = sure_of(Belief(a_map(5, 5), Driven()), place)
         belief.predict(usable)
-        assert belief.posterior.elsewhere == pytest.approx(1, abs=1e-3)
-        assert place + 1 not in belief.posterior.places
+        assert belief.elsewhere == pytest.approx(1, abs=1e-3)
+        assert place + 1 not in belief.places
 
 
 def test_a_tenth_of_a_place_goes_on_from_its_looks(a_map):
@@ -136,7 +132,7 @@ def test_a_tenth_of_a_place_goes_on_from_its_looks(a_map):
 
 def test_a_belief_that_is_denied_goes_elsewhere_step_by_step(a_map):
     belief = sure_of(Belief(a_map(20), Driven(0.0)), 7)
-    left = [belief.posterior.elsewhere]
+    left = [belief.elsewhere]
     for _ in range(12):
         belief.predict(20)
         left.append(seen(belief, np.full(20, -1.0), unseen=-1.0).elsewhere)
@@ -147,10 +143,10 @@ def test_what_is_told_as_unlikely_as_can_be_is_found_again(a_map):
     belief = Belief(a_map(20), Driven(0.0))
     for _ in range(50):
         seen(belief, np.full(20, -50.0), unseen=-50.0)
-    assert belief.posterior.elsewhere == pytest.approx(1)
+    assert belief.elsewhere == pytest.approx(1)
     for _ in range(3):
-        posterior = seen(belief, [6.0, *[-2.0] * 19])
-    assert posterior.mass[0] > 0.9
+        seen(belief, [6.0, *[-2.0] * 19])
+    assert belief.mass[0] > 0.9
 
 
 LENGTHS = st.lists(st.integers(1, 12), min_size=1, max_size=4)
@@ -193,11 +189,10 @@ def test_mass_is_a_distribution_whatever_comes(a_map, lengths, steps, both, step
         if rng.random() < 0.3:
             whole.links.add(place, int(rng.integers(place)))
     for belief in driven(whole, steps, both):
-        posterior = belief.posterior
-        assert np.isfinite(posterior.mass).all() and (posterior.mass >= 0).all()
-        assert 0 <= posterior.elsewhere <= 1
-        assert posterior.mass.sum() + posterior.elsewhere == pytest.approx(1, abs=1e-6)
-        places = posterior.places
+        assert np.isfinite(belief.mass).all() and (belief.mass >= 0).all()
+        assert 0 <= belief.elsewhere <= 1
+        assert belief.mass.sum() + belief.elsewhere == pytest.approx(1, abs=1e-6)
+        places = belief.places
         assert (np.diff(places) > 0).all() and set(places.tolist()) <= set(range(len(whole)))
 
 
