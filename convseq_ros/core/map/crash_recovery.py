@@ -48,9 +48,8 @@ def open_to_read(path: Path) -> Database:
         raise MapError(f'{path}: is a folder; name the map file in it')
     if not path.is_file():
         raise MapError(f'{path}: no such map; make one with `convseq build-map RECORDING {path}`')
-    _refuse_irregular(path)
     for last in range(_TRIES, 0, -1):
-        _refuse_damaged_log(_beside(path, _LOG))
+        _refuse_damaged(path)
         database = Database(path, 'ro')
         try:
             pages = database.number('PRAGMA page_count')
@@ -77,9 +76,7 @@ def open_to_write(path: Path) -> Database:
     """Return a map file, mended if a crash left it with a journal, or a new one without pages."""
     if path.exists() and not path.is_file():
         raise MapError(f'{path}: is no file; name the map file')
-    _refuse_irregular(path)
-    _refuse_other_files(path)
-    _refuse_damaged_log(_beside(path, _LOG))
+    _refuse_damaged(path)
     database = Database(path, 'rwc')
     database.rows(f'PRAGMA page_size = {PAGE_BYTES}')
     try:
@@ -107,16 +104,8 @@ def _bytes(path: Path) -> int:
         return 0
 
 
-def _refuse_irregular(path: Path) -> None:
-    """Raise MapError for a pipe, say, that has the name of a journal: SQLite would wait for it."""
-    for one in (_beside(path, _JOURNAL), _beside(path, _LOG)):
-        if one.exists() and not one.is_file():
-            raise MapError(f'{one}: is no file; delete it')
-
-
 def _mended_copy(path: Path) -> Database | None:
     """Return a copy without what was not committed; None if the file changed meanwhile."""
-    _refuse_other_files(path)
 
     def state() -> list[tuple[str, int, int, int]]:
         found = [(end, _beside(path, end)) for end in (_LOG, _JOURNAL, '')]
@@ -144,16 +133,16 @@ def _mended_copy(path: Path) -> Database | None:
     return database
 
 
-def _refuse_other_files(path: Path) -> None:
-    own = _beside(path, _JOURNAL)
-    with suppress(FileNotFoundError), own.open('rb') as journal:
-        journal.seek(max(0, journal.seek(0, os.SEEK_END) - len(_NAMES_OTHERS)))
-        if journal.read() == _NAMES_OTHERS:
-            raise MapError(f'{own}: names other files, and no map does; delete it')
-
-
-def _refuse_damaged_log(log: Path) -> None:
-    """Raise MapError if what was committed to a map's log is not there any more."""
+def _refuse_damaged(path: Path) -> None:
+    """Raise MapError if SQLite would do harm with a journal, or pass over what is committed."""
+    journal, log = _beside(path, _JOURNAL), _beside(path, _LOG)
+    for one in (journal, log):
+        if one.exists() and not one.is_file():  # SQLite would wait for a pipe, say
+            raise MapError(f'{one}: is no file; delete it')
+    with suppress(OSError), journal.open('rb') as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - len(_NAMES_OTHERS)))
+        if file.read() == _NAMES_OTHERS:
+            raise MapError(f'{journal}: names other files, and no map does; delete it')
     try:
         with log.open('rb') as file:
             is_large = os.fstat(file.fileno()).st_size > _HEAD.size + PAGE_BYTES
