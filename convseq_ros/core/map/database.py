@@ -116,19 +116,15 @@ class Database:
         with suppress(sqlite3.Error):
             self._database.rollback()
 
-    def write_ahead(self) -> bool:
+    def write_ahead(self) -> None:
         """
         Have commits go to a log beside the file, so that no reader waits; not while another reads.
 
-        Return False if that fails, as where programs share no memory; then close this.
+        sqlite3.Error if that fails, as where programs share no memory; then close this.
         """
-        try:
-            self._journal_mode('WAL')
-            self.begin()
-        except sqlite3.Error:
-            return False
+        self._journal_mode('WAL')
+        self.begin()
         self.roll_back()
-        return True
 
     def journal(self) -> None:
         """Have commits go to the file, and all of the log; the log is gone if nobody reads."""

@@ -24,12 +24,11 @@ def known_as(match: Match | None) -> int | None:
 
 def link(links: Links, place: int, match: Match | None) -> None:
     """Link a place as it was recognised, if it was looked up."""
-    if match is None:
-        return
-    if (known := known_as(match)) is None or match.best is None:
-        links.add_first(place)
-    else:
+    known = known_as(match)
+    if match and match.best and known is not None:
         links.add(place, known, match.confidence, match.best.inliers, match.relative_pose)
+    elif match:
+        links.add_first(place)
 
 
 @constants

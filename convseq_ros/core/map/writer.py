@@ -152,7 +152,9 @@ class MapWriter:
     def write_ahead(self) -> None:
         """Have no reader wait for a commit until `journal`, where that is possible."""
         with self.reader.released():
-            if not self._database.write_ahead():
+            try:
+                self._database.write_ahead()
+            except sqlite3.Error:
                 self._database.close()
                 self._database = open_to_write(self._path)
 
