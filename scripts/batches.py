@@ -9,6 +9,7 @@ processor, on one thread; `same`: whether each vector is bit by bit that of the 
 
 import time
 
+from drives import head, row
 from make_onnx_model import make_model
 import numpy as np
 import onnxruntime
@@ -28,7 +29,7 @@ def session(kind: str, size: int) -> onnxruntime.InferenceSession:
 
 def main() -> None:
     """Measure, and print a table."""
-    print('| model | side, px | batch | ms | same |\n|---|---|---|---|---|')
+    head('model', 'side, px', 'batch', 'ms', 'same')
     for kind, size in MODELS:
         own = session(kind, size)
         shape = MOST, own.get_inputs()[0].shape[1], size, size
@@ -41,7 +42,7 @@ def main() -> None:
                 vectors = own.run(None, {'image': images[:count]})[0]
                 took_ms.append((time.process_time() - started) * 1e3 / count)
             same = np.array_equal(vectors, alone[:count])
-            print(f'| {kind} | {size} | {count} | {np.median(took_ms):.2f} | {same} |')
+            row(kind, size, count, f'{np.median(took_ms):.2f}', same)
 
 
 if __name__ == '__main__':

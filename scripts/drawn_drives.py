@@ -14,22 +14,19 @@ import cv2
 import numpy as np
 
 SPEED_MPS = 10.0
+PERIOD = 2  # stretches after which a terrace repeats
 
 
 @dataclass(frozen=True)
 class Pair:
-    """
-    A street, the drive of the map and the drive that asks; `looks` are what happens to images.
-
-    `kind`: street or terrace2.
-    """
+    """A street, the drives of the map and of who asks; `looks` are what happens to images."""
 
     name: str
     seed: int
     step_m: float = 2.0
     speed: float = 1.0
     count: int = 150
-    kind: str = 'street'
+    is_terrace: bool = False
     looks: tuple[str, ...] = ()
     both_look: tuple[str, ...] = ()
     light: str = 'day'
@@ -44,7 +41,6 @@ class Terrace:
 
     length_m: float
     seed: int
-    period: int
 
     def spot(self, distance_m: float, offset_m: float, yaw_rad: float) -> Spot:
         """Return where one is, as `Street.spot`."""
@@ -53,8 +49,8 @@ class Terrace:
 
     def stretch(self, index: int, light: Light) -> Stretch:
         """Return what stands on a stretch, as `Street.stretch`."""
-        alike, own = (Layout(self.seed, one, light) for one in (index % self.period, index))
-        away = (index - index % self.period) * STRETCH_M
+        alike, own = (Layout(self.seed, one, light) for one in (index % PERIOD, index))
+        away = (index - index % PERIOD) * STRETCH_M
         left = [
             replace(
                 panel,
@@ -83,7 +79,7 @@ PAIRS = (
     Pair('rain-blur', 324, count=120, looks=('rain', 'blur'), light='night', noise=20),
     Pair('walk', 304, 0.5, count=120, light='evening', offset_m=-0.5),
     Pair('crawl', 307, 0.3, count=120, light='overcast', heading_deg=4),
-    Pair('terrace-low', 215, 1.5, kind='terrace2', both_look=LOW, offset_m=0.5),
+    Pair('terrace-low', 215, 1.5, is_terrace=True, both_look=LOW, offset_m=0.5),
 )  # fmt: skip
 
 # On which nothing was fitted.
@@ -95,7 +91,7 @@ CHECKS = (
     Pair('check-low', 606, count=120, both_look=LOW, light='overcast', noise=20),
     Pair('check-low-night', 607, 1.0, count=120, both_look=LOW, light='night', noise=50),
     Pair('check-rain', 608, count=120, looks=('rain', 'blur'), light='evening'),
-    Pair('check-terrace', 612, count=120, kind='terrace2', light='evening'),
+    Pair('check-terrace', 612, count=120, is_terrace=True, light='evening'),
 )
 
 
@@ -134,9 +130,7 @@ def drawn(pair: Pair, asks: bool) -> tuple[list[Frame], np.ndarray]:
         width_px=320,
         height_px=240,
     )
-    way: Street | Terrace = Street(1000.0, pair.seed)
-    if pair.kind.startswith('terrace'):
-        way = Terrace(1000.0, pair.seed, int(pair.kind[-1]))
+    way = Terrace(1000.0, pair.seed) if pair.is_terrace else Street(1000.0, pair.seed)
     rng = np.random.default_rng((pair.seed, asks))
     frames, distances = [], []
     for shot in draw(way, drive):

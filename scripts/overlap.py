@@ -11,8 +11,8 @@ since an earlier frame. Medians over a street of 60 m.
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.similarity.overlap import Overlap
-from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
+from drives import head, row, shots
 import numpy as np
 
 STREET, STEP_M = 903, 0.25
@@ -26,15 +26,13 @@ DRIVES = {
 def main() -> None:
     """Measure and print."""
     overlap = Overlap(EncodingConfig().saliency_threshold)
-    print('| metres on |', ' | '.join(f'{STEP_M * one:g}' for one in APART), '|')
-    print('|---|' + '---|' * len(APART))
+    head('metres on', *(f'{STEP_M * one:g}' for one in APART))
     for name, how in DRIVES.items():
-        size = {'num_frames': 240, 'width_px': 320, 'height_px': 240}
-        drive = Drive(frame_rate_hz=10 / STEP_M, **size, **how)
-        shown = [describe(shot.frame.gray) for shot in draw(Street(61.0, STREET), drive)]
+        drawn = shots(Street(61.0, STREET), num_frames=240, frame_rate_hz=10 / STEP_M, **how)
+        shown = [describe(frame.gray) for _, frame in drawn]
         pairs = [[(shown[at], shown[at + one]) for at in range(0, 200, 20)] for one in APART]
         shares = [np.median([overlap(new, old) for old, new in some]) for some in pairs]
-        print(f'| {name} |', ' | '.join(f'{one:.2f}' for one in shares), '|')
+        row(name, *(f'{one:.2f}' for one in shares))
 
 
 if __name__ == '__main__':

@@ -53,7 +53,7 @@ def of_drawn(pair: Pair) -> Answers:
         index = {one.stamp_ns: place for place, one in enumerate(references)}
         kept = [index[place.stamp_ns] for place in made.places]
         yield from answers(frames, made, right[:, kept], config)
-    elsewhere, _ = drawn(replace(pair, seed=pair.seed + 5000, kind='street'), False)
+    elsewhere, _ = drawn(replace(pair, seed=pair.seed + 5000, is_terrace=False), False)
     made = build_map(elsewhere)
     yield from answers(frames, made, np.zeros((len(frames), len(made)), bool), config)
 

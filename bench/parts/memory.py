@@ -59,13 +59,7 @@ def _map(work: Work, size: int) -> list[Finding]:
 
 
 def _opened(work: Work, path: Path) -> dict[str, float]:
-    command = [
-        sys.executable,
-        '-m',
-        'bench.parts.memory',
-        str(path),
-        str(queries_path(work.folder)),
-    ]
+    command = [sys.executable, '-m', 'bench.parts.memory', path, queries_path(work.folder)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return json.loads(done.stdout)
 

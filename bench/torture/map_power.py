@@ -3,6 +3,7 @@
 """The power is cut: what no one waited for is on the disk or not, in any mixture."""
 
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import dataclass, field
 import itertools
 import os
@@ -118,7 +119,11 @@ def tries(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str]]:
                 made += 1
                 cut = draw.randint(0, len(calls))
                 acknowledged = calls[cut].acknowledged if cut < len(calls) else last
-                found = _problem(name, start, calls[:cut], acknowledged, commits, path, draw)
+                disk = deepcopy(start)
+                for call in calls[:cut]:
+                    disk.see(call)
+                disk.cut(draw)
+                found = _problem(name, disk, path, commits, acknowledged)
                 yield f'{name} {commits}, cut after {cut} of {len(calls)} calls', found
 
 
@@ -155,21 +160,8 @@ def _calls(data: bytes) -> Iterator[Call]:
         yield Call(chr(what), number, where, acknowledged, name.decode(), content)
 
 
-def _problem(
-    name: str,
-    start: Disk,
-    calls: list[Call],
-    acknowledged: int,
-    commits: list[int],
-    path: Path,
-    draw: random.Random,
-) -> str:
-    disk = Disk(
-        dict(start.names), {n: bytearray(c) for n, c in start.files.items()}, start.folders
-    )
-    for call in calls:
-        disk.see(call)
-    disk.cut(draw)
+def _problem(name: str, disk: Disk, path: Path, commits: list[int], acknowledged: int) -> str:
+    """Return what does not hold of what is on a disk; empty if nothing."""
     path.parent.mkdir()
     try:
         for each, file in sorted(disk.names.items()):

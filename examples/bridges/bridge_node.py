@@ -78,11 +78,8 @@ class Bridge(Node):
         self._learn('rtabmap_msgs/msg/MapData', 'mapData', learn)
 
     def _begin_swarm_slam(self) -> None:
-        matches = self.create_publisher(
-            self._kinds['cslam_common_interfaces/msg/LocalKeyframeMatch'],
-            'cslam/local_keyframe_match',
-            _DEPTH,
-        )
+        kind = 'cslam_common_interfaces/msg/LocalKeyframeMatch'
+        matches = self._publisher(kind, 'cslam/local_keyframe_match')
 
         def send(query: int, reference: int, _: Any) -> bool:
             matches.publish(messages.swarm_local_match(self._kinds, query, reference))
@@ -99,11 +96,8 @@ class Bridge(Node):
     def _begin_swarm_slam_of_others(self) -> None:
         sessions = self.declare_parameter('sessions', ['']).value
         self._robots = robots_of(text for text in sessions if text)
-        matches = self.create_publisher(
-            self._kinds['cslam_common_interfaces/msg/InterRobotMatches'],
-            '/cslam/inter_robot_matches',
-            _DEPTH,
-        )
+        kind = 'cslam_common_interfaces/msg/InterRobotMatches'
+        matches = self._publisher(kind, '/cslam/inter_robot_matches')
 
         def send(robot: int, query: int, reference: int, confidence: float) -> bool:
             ends = (self._robot, query), (robot, reference)
@@ -125,16 +119,14 @@ class Bridge(Node):
             )
 
     def _begin_kimera(self) -> None:
-        edges = self.create_publisher(
-            self._kinds['pose_graph_tools_msgs/msg/PoseGraph'], 'external_closures', _DEPTH
-        )
+        name = 'pose_graph_tools_msgs/msg/PoseGraph'
+        kind, edges = self._kinds[name], self._publisher(name, 'external_closures')
 
         def send(query: int, reference: int, closure: Any) -> bool:
             header = Header(stamp=self.get_clock().now().to_msg())
             edge = messages.kimera_edge(
                 self._kinds, header, query, reference, closure, self._robot
             )
-            kind = self._kinds['pose_graph_tools_msgs/msg/PoseGraph']
             edges.publish(kind(header=header, edges=[edge]))
             return True
 
@@ -144,11 +136,11 @@ class Bridge(Node):
             self._flush()
 
         self._send = send
-        self._learn('pose_graph_tools_msgs/msg/PoseGraph', 'pose_graph', learn)
+        self._learn(name, 'pose_graph', learn)
 
     def _begin_voxgraph(self) -> None:
-        kind = self._kinds['voxgraph_msgs/msg/LoopClosureEdgeList']
-        edges = self.create_publisher(kind, 'loop_closure_edges', _DEPTH)
+        kind = 'voxgraph_msgs/msg/LoopClosureEdgeList'
+        edges = self._publisher(kind, 'loop_closure_edges')
 
         def send(closure: Any) -> None:
             header = Header(stamp=self.get_clock().now().to_msg())
@@ -171,6 +163,9 @@ class Bridge(Node):
 
         best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.create_subscription(Image, 'image', on_image, best_effort)
+
+    def _publisher(self, kind: str, topic: str) -> Any:
+        return self.create_publisher(self._kinds[kind], topic, _DEPTH)
 
     def _learn(self, kind: str, topic: str, learn: Callable[[Any], None]) -> None:
         self.create_subscription(self._kinds[kind], topic, learn, _DEPTH)
@@ -208,17 +203,13 @@ def main() -> int:
         return 1
     rclpy.init()
     try:
-        node = Bridge(sys.argv[1])
-    except ValueError as error:
-        rclpy.try_shutdown()
-        print(f'bridge: {error}', file=sys.stderr)
-        return 1
-    try:
-        rclpy.spin(node)
+        rclpy.spin(Bridge(sys.argv[1]))
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except ValueError as error:
+        print(f'bridge: {error}', file=sys.stderr)
+        return 1
     finally:
-        node.destroy_node()
         rclpy.try_shutdown()
     return 0
 

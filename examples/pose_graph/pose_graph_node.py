@@ -12,6 +12,7 @@ far both places of a closure are apart. Publishes `~/path_before` and `~/path_af
 """
 
 from dataclasses import asdict
+from functools import partial
 import math
 from pathlib import Path
 import signal
@@ -77,34 +78,19 @@ class PoseGraphNode(Node):
         self._shown = 0
         self._solution: Solution | None = None
         self._duration_s = 0.0
-        overrides = QoSOverridingOptions.with_default_policies()
         self._before = self.create_publisher(PathMessage, '~/path_before', 1)
         self._after = self.create_publisher(PathMessage, '~/path_after', 1)
         self._correction = self.create_publisher(PoseStamped, '~/map_to_odom', 1)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self.create_subscription(
-            OdometryMessage,
-            'odom',
-            self._on_odometry,
-            QoSProfile(depth=_DEPTH),
-            event_callbacks=SubscriptionEventCallbacks(matched=self._on_matched),
-            qos_overriding_options=overrides,
-        )
-        self.create_subscription(
-            Float64MultiArray,
-            'loop_closure',
-            self._on_closure,
-            QoSProfile(depth=_DEPTH),
-            qos_overriding_options=overrides,
-        )
+        hear = partial(self.create_subscription, qos_profile=QoSProfile(depth=_DEPTH))
+        chosen = partial(hear, qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        events = SubscriptionEventCallbacks(matched=self._on_matched)
+        chosen(OdometryMessage, 'odom', self._on_odometry, event_callbacks=events)
+        chosen(Float64MultiArray, 'loop_closure', self._on_closure)
         if self._declared('use_pose', False):
-            self.create_subscription(
-                PoseWithCovarianceStamped, 'pose', self._on_pose, QoSProfile(depth=_DEPTH)
-            )
+            hear(PoseWithCovarianceStamped, 'pose', self._on_pose)
         if self._declared('use_closure', False):
-            self.create_subscription(
-                PointCloud2, 'closure', self._on_measured, QoSProfile(depth=_DEPTH)
-            )
+            hear(PointCloud2, 'closure', self._on_measured)
         self.create_timer(self._declared('period_s', 1.0), self._work)
         self.get_logger().info('listening to odometry and closures')
 
