@@ -3,10 +3,9 @@
 """The belief's decision: a place is a match if it holds nearly all of the mass."""
 
 from convseq_ros.config import Config
-from convseq_ros.core.decision.belief import Belief
+from convseq_ros.core.decision.belief import Belief, MotionModel
 from convseq_ros.core.decision.decider import Answer, apart, candidate, Query
 from convseq_ros.core.decision.likelihood import strength_of
-from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Neighbourhood, Observation, OBSERVED, Observer
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.graph.links import LINKS

@@ -4,8 +4,7 @@
 
 from itertools import pairwise
 
-from convseq_ros.core.decision.belief import Belief
-from convseq_ros.core.decision.motion import MOTION, MotionModel
+from convseq_ros.core.decision.belief import BELIEF, Belief, MotionModel
 from convseq_ros.core.decision.observation import Neighbourhood
 from convseq_ros.core.rigid import of_roll_pitch_yaw
 from hypothesis import given, settings
@@ -87,7 +86,7 @@ def test_a_little_of_the_mass_takes_up_another_velocity(a_map):
     mass, _ = masses(belief, 20)
     assert mass[8] == pytest.approx(1, abs=0.01)
     belief.predict(20)
-    changed = MOTION.changing / 2
+    changed = BELIEF.changing / 2
     assert masses(belief, 20)[0][9] == pytest.approx(changed, rel=0.1)
 
 
@@ -227,12 +226,12 @@ def moved(reference_map, *xs, places=(10,), both=False, missing=0, yaw=0.0):
 @pytest.mark.parametrize('missing', [0, 3])
 def test_without_odometry_places_move_by_each_velocity_for_every_keyframe(a_map, missing):
     velocities, found, sigmas = moved(a_map(30), None, missing=missing, places=(4, 9))
-    ahead = set(MOTION.velocities)
+    ahead = set(BELIEF.velocities)
     assert set(velocities.tolist()) == ahead | {-one for one in ahead}
     expected = np.array([[4], [9]]) + (1 + missing) * velocities
     assert found == pytest.approx(expected.T)
     way = (1 + missing) * abs(velocities[:, None])
-    assert sigmas == pytest.approx(np.broadcast_to(MOTION.sigma_places + ERROR * way, found.shape))
+    assert sigmas == pytest.approx(np.broadcast_to(BELIEF.sigma_places + ERROR * way, found.shape))
 
 
 def test_one_drive_in_a_hundred_goes_backwards_and_with_both_directions_one_in_two(a_map):
@@ -246,7 +245,7 @@ def test_odometry_moves_along_the_poses_of_the_map_whatever_the_velocity(a_map):
     velocities, found, sigmas = moved(a_map(30, step_m=2.0), 0, 5, both=True, places=(10, 20))
     expected = np.where(velocities < 0, [[7.5], [17.5]], [[12.5], [22.5]]).T
     assert found == pytest.approx(expected)
-    assert sigmas == pytest.approx(np.full(found.shape, MOTION.sigma_places + ERROR * 2.5))
+    assert sigmas == pytest.approx(np.full(found.shape, BELIEF.sigma_places + ERROR * 2.5))
 
 
 def test_odometry_that_goes_back_moves_back_and_the_other_way_round(a_map):
@@ -267,7 +266,7 @@ def test_whatever_odometry_says_there_are_no_infinities(a_map, xs, step_m, both,
     street = a_map(1, 5, 12, step_m=step_m)
     _, found, sigmas = moved(street, *xs, places=range(18), both=both, missing=missing)
     assert np.isfinite(found).all() and np.isfinite(sigmas).all()
-    assert (sigmas >= MOTION.sigma_places).all()
+    assert (sigmas >= BELIEF.sigma_places).all()
 
 
 def test_near_are_the_places_beside_a_place_and_beside_its_looks(a_map):
