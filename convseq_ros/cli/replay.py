@@ -100,8 +100,8 @@ def replay_chosen(
             then()
     for warning in source.warnings:
         warn(warning)
-    if (images := first.reference_map.images).unreadable:
-        warn(f'{name}: {images.unreadable} kept images cannot be used; {images.problem}')
+    if (whole := first.reference_map).unreadable:
+        warn(f'{name}: {whole.unreadable} kept images cannot be used; {whole.unreadable_why}')
     if hint := _all_recent(matches, first.config.online.exclusion_s):
         warn(hint)
     return summarize(matches, durations)

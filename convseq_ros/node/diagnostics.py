@@ -146,7 +146,7 @@ class Diagnostics:
             return DiagnosticStatus.WARN, (
                 f'the fleet does not answer, the own map does: {situation.fleet.problem}'
             )
-        if problem := situation.session.recognizer.reference_map.images.problem:
+        if problem := situation.session.recognizer.reference_map.unreadable_why:
             return DiagnosticStatus.WARN, f'{problem}; its poses are less exact'
         if situation.session.keyframes_m and not situation.odometry_heard:
             return DiagnosticStatus.WARN, (
@@ -201,7 +201,7 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'localization_quality': '' if known.quality is None else known.quality,
         'map_path': session.path or '',
         'map_size': situation.map_size,
-        'kept_images_unreadable': session.recognizer.reference_map.images.unreadable,
+        'kept_images_unreadable': session.recognizer.reference_map.unreadable,
         'odom': situation.odometry_heard,
         **situation.further,
     }

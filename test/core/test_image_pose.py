@@ -67,10 +67,10 @@ def test_where_keypoints_do_not_agree_cells_answer(street, whole):
     for other in others:
         pose = measured(other, query, 11)
         assert pose.position_m == plain.position_m and pose.inliers == plain.inliers
-    assert others[1].images.unreadable and 'reference' in others[1].images.problem
-    assert not others[0].images.unreadable
+    assert others[1].unreadable and 'reference' in others[1].unreadable_why
+    assert not others[0].unreadable
     pose = measured(whole, query, 11, ReadingConfig(max_image_mpx=0.05))
-    assert pose.position_m == plain.position_m and 'max_image_mpx' in whole.images.problem
+    assert pose.position_m == plain.position_m and 'max_image_mpx' in whole.unreadable_why
 
 
 def test_the_robots_own_body_has_no_keypoints(street, whole):
@@ -201,4 +201,4 @@ def test_a_damaged_depth_is_counted(deep_street, tmp_path):
     database.close()
     opened = open_map(path)
     assert measured(opened, deep_street[1][8], 9).position_m is None
-    assert opened.images.unreadable and 'reference 9 fails its checksum' in opened.images.problem
+    assert opened.unreadable and 'reference 9 fails its checksum' in opened.unreadable_why

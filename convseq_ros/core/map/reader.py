@@ -119,7 +119,7 @@ class MapReader:
                 raise ValueError('a session is missing')
             places = Places(vector_length(self.encoding), self._end())
             kept = 'depths', 'images WHERE jpeg IS NOT NULL'
-            are_kept = any(self._database.rows(f'SELECT 1 FROM {one} LIMIT 1') for one in kept)
+            keeps_images = any(self._database.rows(f'SELECT 1 FROM {one} LIMIT 1') for one in kept)
             next_ones = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
             while rows := self._database.sound('places', next_ones, (len(places), _ROWS_AT_ONCE)):
                 start, of = len(places), [row[-3] for row in rows]
@@ -134,7 +134,7 @@ class MapReader:
                 places.extend(self._with_vectors(rows))
             settings = self.encoding, places, self.pictures, self.keyframes
             made = ReferenceMap(*settings, self.settings.map_id, sessions)
-            made.images.are_kept = are_kept
+            made.keeps_images = keeps_images
             _read_links(self._database, self._path, made)
         return made
 

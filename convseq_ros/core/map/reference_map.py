@@ -7,7 +7,6 @@ from dataclasses import replace
 from threading import Lock
 from typing import Any
 from uuid import uuid4
-from weakref import WeakMethod
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
@@ -40,38 +39,6 @@ import numpy.typing as npt
 ReadPictures = Callable[[Sequence[int], bool], list[Picture]]
 
 
-class KeptImages:
-    """
-    The images and depths of a map, by its `pictures`; read only if any `are_kept`.
-
-    Of what could not be decoded, `unreadable` is how often, and `problem` why the last could not.
-    """
-
-    def __init__(
-        self, pictures: Callable[[Sequence[int], bool], list[Picture]], are_kept: bool = True
-    ) -> None:
-        # Not held, so that a map that is let go of is gone at once.
-        self._pictures, self.are_kept = WeakMethod(pictures), are_kept
-        self.unreadable, self.problem = 0, ''
-
-    def image(self, index: int, max_mpx: float) -> Gray | None:
-        """Return the image of a place; None if none was kept, or it cannot be decoded."""
-        return self._decoded('image', index, lambda one: used_image(one.image, max_mpx))
-
-    def depths(self, index: int, cells: int) -> Depths | None:
-        """Return the depths of a place's regions; None if none are known, or they are damaged."""
-        return self._decoded('depth', index, lambda one: unpacked_depths(one.depths, cells))
-
-    def _decoded(self, what: str, index: int, decode: Callable[[Picture], Any]) -> Any:
-        pictures = self._pictures() if self.are_kept else None
-        try:
-            return decode(*pictures([index], True)) if pictures else None
-        except (MapError, ValueError, cv2.error) as error:
-            self.unreadable += 1
-            self.problem = f'kept {what} of reference {index}: {error}'
-            return None
-
-
 class ReferenceMap:
     """
     Places and their cells, index by index.
@@ -82,7 +49,8 @@ class ReferenceMap:
     an index is complete. A place takes 0.7 kB of memory, and 16 kB more until it is stored.
     `keyframes` say how far apart places are, and with them the frames that are matched. `map_id`
     is a UUID, a new one for a map that is not read from a file; `sessions` begin with a place;
-    `images` are those that were kept; `links` say which places show the same.
+    `links` say which places show the same. Of images and depths, read only if it `keeps_images`,
+    `unreadable` is how many could not be decoded, and `unreadable_why` why not the last.
     """
 
     def __init__(
@@ -105,7 +73,8 @@ class ReferenceMap:
         self.usual_mount: Pose | None = None
         self.links = Links(self.bounds.around)
         self.problem = ''  # in one line: what is wrong with the file, and can be done without
-        self.images = KeptImages(self.pictures, are_kept=read_pictures is not None)
+        self.keeps_images = read_pictures is not None  # or depths; at least, there may be some
+        self.unreadable, self.unreadable_why = 0, ''
 
     def __len__(self) -> int:
         return len(self.places)
@@ -166,7 +135,7 @@ class ReferenceMap:
             known_descriptor = global_descriptor(unpack_cells(packed))
         if not self.sessions:
             self.begin_session(place.stamp_ns)
-        self.images.are_kept |= image is not None or depths is not None
+        self.keeps_images |= image is not None or depths is not None
         self._in_memory.append(Picture(packed, thumbnail, image, depths))
         self.places.append(place, known_descriptor)
 
@@ -215,6 +184,23 @@ class ReferenceMap:
         if read and missing:
             found.update(zip(missing, read(missing, with_images), strict=True))
         return [found[index] for index in indices]
+
+    def image(self, index: int, max_mpx: float) -> Gray | None:
+        """Return the image of a place; None if none was kept, or it cannot be decoded."""
+        return self._decoded('image', index, lambda one: used_image(one.image, max_mpx))
+
+    def depths(self, index: int) -> Depths | None:
+        """Return the depths of a place's regions; None if none are known, or they are damaged."""
+        cells = self.cell_shape[0]
+        return self._decoded('depth', index, lambda one: unpacked_depths(one.depths, cells))
+
+    def _decoded(self, what: str, index: int, decode: Callable[[Picture], Any]) -> Any:
+        try:
+            return decode(*self.pictures([index], True)) if self.keeps_images else None
+        except (MapError, ValueError, cv2.error) as error:
+            self.unreadable += 1
+            self.unreadable_why = f'kept {what} of reference {index}: {error}'
+            return None
 
     def evict(self, count: int, read_pictures: ReadPictures) -> None:
         """Rely on what is stored of the first places, instead of holding it in memory."""

@@ -175,7 +175,7 @@ class ImagePoses:
 
         @lru_cache(_KEPT)
         def view_of(index: int, camera: Camera) -> KeypointView | None:
-            gray = reference_map.images.image(index, max_mpx)
+            gray = reference_map.image(index, max_mpx)
             return None if gray is None else KeypointView(camera, keypoints(gray, seen))
 
         self._place = lru_cache(_KEPT)(partial(_place, ways, view_of))

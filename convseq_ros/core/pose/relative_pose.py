@@ -114,9 +114,7 @@ class RelativePoses:
     ) -> None:
         self._map, self._matcher = reference_map, matcher
         self.ways = Ways(reference_map)
-        cells = reference_map.cell_shape[0]
-        read = lru_cache(_KEPT)
-        self._measured = read(lambda index: reference_map.images.depths(index, cells))
+        self._measured = lru_cache(_KEPT)(reference_map.depths)
         self._images = ImagePoses(reference_map, self.ways, reading.max_image_mpx)
 
     def measure(self, features: Features, frame: Frame, found: Candidate) -> RelativePose | None:
@@ -164,7 +162,7 @@ class RelativePoses:
         self, index: int, own: LensView, query: LensView, frame: Frame, known: RelativePose | None
     ) -> RelativePose | None:
         """Return the pose by kept images, from what cells said; None if too little agrees."""
-        if not self._map.images.are_kept:
+        if not self._map.keeps_images:
             return None
         nearest = self.ways.nearest(index, known) if known else index
         if (between := self.ways.moved(nearest, index)) is None:
