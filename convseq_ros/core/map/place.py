@@ -83,9 +83,8 @@ class Picture:
 class GrowingArray:
     """Rows that one thread appends; views that others took before stay as they are."""
 
-    def __init__(self, rows: npt.NDArray[Any], count: int | None = None) -> None:
-        self._rows = rows  # not copied before the array grows
-        self._count = len(rows) if count is None else count  # of them; the others are room
+    def __init__(self, room: npt.NDArray[Any]) -> None:
+        self._rows, self._count = room, 0  # rows so far; the others are empty
 
     def __len__(self) -> int:
         return self._count
@@ -118,8 +117,8 @@ class Places(Sequence[Place]):
     """
 
     def __init__(self, numbers: int, room: int = 0) -> None:
-        self.descriptors = GrowingArray(np.empty((room, numbers), np.float16), 0)  # (R, n)
-        self._rows = GrowingArray(np.empty(room, _ROW), 0)
+        self.descriptors = GrowingArray(np.empty((room, numbers), np.float16))  # (R, n)
+        self._rows = GrowingArray(np.empty(room, _ROW))
         self.bounds = SessionBounds()
 
     def append(self, place: Place, descriptor: npt.ArrayLike) -> None:
