@@ -21,29 +21,24 @@ import numpy.typing as npt
 
 Lines = npt.NDArray[np.float64]  # (n,), of columns or rows
 _NEAR_M, _FAR_M = 0.4, 180.0
+_CAMERA_M = 1.5  # above the road
 _COARSEST = 6
 
 
 class View:
-    """A camera in the street, `height_m` above the road, without pitch or roll."""
+    """A camera in the street, 1.5 m above the road, without pitch or roll."""
 
     def __init__(
-        self,
-        street: Street,
-        light: Light,
-        width: int,
-        height: int,
-        field_of_view_deg: float,
-        height_m: float = 1.5,
+        self, street: Street, light: Light, width: int, height: int, field_of_view_deg: float
     ) -> None:
         self._street, self._light = street, light
-        self._width, self._height, self._camera_z = width, height, height_m
+        self._width, self._height = width, height
         self._focal = width / 2 / math.tan(math.radians(field_of_view_deg) / 2)
         self._stretches: dict[int, Stretch] = {}
         self._roads: dict[tuple[int, int, int, int], Image] = {}
         self._background = self._paint_background()
         rows = np.arange(height) + 0.5 - height / 2
-        depth = np.where(rows > 0, self._focal * height_m / np.maximum(rows, 1e-3), 0.0)
+        depth = np.where(rows > 0, self._focal * _CAMERA_M / np.maximum(rows, 1e-3), 0.0)
         clear = np.where(rows > 0, np.exp(-depth / light.visibility_m), 1.0)
         self._ground_clear = np.repeat(clear[:, None], width, axis=1).astype(np.float32)
         self._haze = np.full((height, width, 4), (*light.horizon, 255), np.uint8)
@@ -125,7 +120,7 @@ class View:
         for left, right, level in _runs(texel * depth * (length / abs(cross)), texel):
             spread = depth[left:right]
             rows = [
-                self._height / 2 - self._focal * (z - self._camera_z) / d
+                self._height / 2 - self._focal * (z - _CAMERA_M) / d
                 for z in (panel.bottom, panel.top)
                 for d in (float(spread.min()), float(spread.max()))
             ]
@@ -133,7 +128,7 @@ class View:
             lower = min(self._height, math.ceil(max(rows)))
             if lower <= upper:
                 continue
-            origin = right_a, panel.top - self._camera_z, deep_a
+            origin = right_a, panel.top - _CAMERA_M, deep_a
             self._warp(
                 panel.texture.level(*level),
                 origin,
@@ -176,11 +171,11 @@ class View:
         cv2.add(cv2.multiply(target, behind, scale=1 / 255), seen, dst=target)
 
     def _draw_ground(self) -> None:
-        start = math.ceil(self._height / 2 + self._focal * self._camera_z / _FAR_M)
+        start = math.ceil(self._height / 2 + self._focal * _CAMERA_M / _FAR_M)
         rows = np.arange(start, self._height)
-        depth = self._focal * self._camera_z / (rows + 0.5 - self._height / 2)
+        depth = self._focal * _CAMERA_M / (rows + 0.5 - self._height / 2)
         aside = GROUND_RESOLUTION * depth / self._focal
-        ahead = aside * depth / self._camera_z
+        ahead = aside * depth / _CAMERA_M
         along = ahead * abs(self._cos) + aside * abs(self._sin)
         across = aside * abs(self._cos) + ahead * abs(self._sin)
         used = {}
@@ -207,7 +202,7 @@ class View:
             length, wide = (last + 1 - first) * STRETCH_M, 2 * GROUND_HALF_M
             self._warp(
                 road,
-                (right, -self._camera_z, deep),
+                (right, -_CAMERA_M, deep),
                 (length * self._sin, 0.0, length * self._cos),
                 (wide * self._cos, 0.0, -wide * self._sin),
                 (0, self._width, start + upper, start + lower),

@@ -11,7 +11,7 @@ import shutil
 import sys
 
 try:
-    import gtsam  # noqa: F401
+    import gtsam
     import matplotlib  # noqa: F401
     import rclpy  # noqa: F401
 except ModuleNotFoundError as error:
@@ -22,7 +22,6 @@ from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError
 from convseq_ros.sources.recording import read_poses
 from graph import Closure, micro, Odometry, optimise, read_record, Solution
-from graph import Pose as PlanarPose
 from incremental import Incremental
 from live import play
 import numpy as np
@@ -159,17 +158,16 @@ def _summary(
 def _off(poses: Mapping[int, Pose], closure: Closure) -> tuple[float, float]:
     """Return by how many metres and degrees a closure is off; one not measured says no motion."""
     query, reference = (
-        poses[min(poses, key=lambda known: abs(known - stamp_ns))] for stamp_ns in closure[:2]
+        _planar(poses[min(poses, key=lambda known: abs(known - stamp_ns))])
+        for stamp_ns in closure[:2]
     )
-    said, before = closure.measured or PlanarPose(0.0, 0.0, 0.0), _yaw(reference)
-    x = reference.position[0] + said.x * math.cos(before) - said.y * math.sin(before)
-    y = reference.position[1] + said.x * math.sin(before) + said.y * math.cos(before)
-    turn = math.remainder(before + said.yaw - _yaw(query), 2 * math.pi)
-    return math.dist(query.position[:2], (x, y)), abs(math.degrees(turn))
+    said = gtsam.Pose2(*closure.measured) if closure.measured else gtsam.Pose2()
+    off = reference.between(query).between(said)
+    return math.hypot(off.x(), off.y()), abs(math.degrees(off.theta()))
 
 
-def _yaw(pose: Pose) -> float:
-    return 2 * math.atan2(pose.orientation[2], pose.orientation[3])
+def _planar(pose: Pose) -> gtsam.Pose2:
+    return gtsam.Pose2(*pose.position[:2], 2 * math.atan2(*pose.orientation[2:]))
 
 
 def _is_right(metres: float, degrees: float) -> bool:

@@ -181,7 +181,7 @@ def optimise(
     return Solution(
         np.array(odometry.stamps_ns, np.int64),
         np.array(odometry.keyframes),
-        np.array([(pose.x(), pose.y(), pose.theta()) for pose in after]),
+        np.array([pose_of(pose) for pose in after]),
         tuple(kept),
     )
 
@@ -216,6 +216,10 @@ def closure_factor(
         model = _sigmas(noise.closure_m, noise.closure_m, heading)
     between = reference[1].compose(apart).compose(query[1].inverse())
     return gtsam.BetweenFactorPose2(reference[0], query[0], between, model)
+
+
+def pose_of(pose: gtsam.Pose2) -> Pose:
+    return Pose(pose.x(), pose.y(), pose.theta())
 
 
 def _sigmas(*values: float) -> gtsam.noiseModel.Diagonal:

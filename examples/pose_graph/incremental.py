@@ -4,7 +4,7 @@
 
 from collections.abc import Sequence
 
-from graph import Closure, closure_factor, Noise, Odometry, odometry_factor, Pose
+from graph import Closure, closure_factor, Noise, Odometry, odometry_factor, Pose, pose_of
 import gtsam
 import numpy as np
 import numpy.typing as npt
@@ -50,7 +50,7 @@ class Incremental:
         for _ in range(_ROUNDS if len(self._taken) > known else 0):
             self._isam.update()
         estimate = self._isam.calculateEstimate()
-        self._path = np.array([_numbers(estimate.atPose2(index)) for index in range(len(poses))])
+        self._path = np.array([pose_of(estimate.atPose2(index)) for index in range(len(poses))])
         self._correction = gtsam.Pose2(*self._path[-1]).compose(poses[-1].inverse())
 
     @property
@@ -61,7 +61,7 @@ class Incremental:
     @property
     def correction(self) -> Pose:
         """Where the odometry's frame is in the map's: what map -> odom would be."""
-        return Pose(*_numbers(self._correction))
+        return pose_of(self._correction)
 
     def _begin(self) -> None:
         parameters = gtsam.ISAM2Params()
@@ -79,7 +79,3 @@ def _bounded(factor: gtsam.BetweenFactorPose2) -> gtsam.BetweenFactorPose2:
     kernel = gtsam.noiseModel.mEstimator.Huber.Create(_HUBER)
     model = gtsam.noiseModel.Robust.Create(kernel, factor.noiseModel())
     return gtsam.BetweenFactorPose2(*factor.keys(), factor.measured(), model)
-
-
-def _numbers(pose: gtsam.Pose2) -> tuple[float, float, float]:
-    return pose.x(), pose.y(), pose.theta()

@@ -22,6 +22,7 @@ from typing import Any
 
 try:
     from graph import Closure, micro, Noise, Odometry, optimise, Pose, Solution, write_record
+    import gtsam
     from incremental import Incremental
 except ModuleNotFoundError as error:
     sys.exit(f'pose_graph_node: {error}; pip install gtsam')
@@ -127,12 +128,10 @@ class PoseGraphNode(Node):
         position, turn = [closure[name] for name in 'xy'], [closure[name] for name in _TURN]
         if not np.isfinite([*position, *turn]).all():
             return
-        x, y, z, w = turn
-        yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         whole = closure['covariance'].reshape(6, 6)
         planar = whole[np.ix_(_PLANAR, _PLANAR)].ravel()
         pair = micro(stamp_of(closure, 'query')), micro(stamp_of(closure, 'reference'))
-        self._measured[pair] = Pose(*map(float, position), yaw), tuple(planar.tolist())
+        self._measured[pair] = Pose(*map(float, position), _yaw(*turn)), tuple(planar.tolist())
 
     def _on_closure(self, message: Float64MultiArray) -> None:
         if len(message.data) != 2 or not all(map(math.isfinite, message.data)):
@@ -179,8 +178,9 @@ class PoseGraphNode(Node):
         if self._solution is not None:
             corrected = [Pose(*pose) for pose in self._solution.after.tolist()]
             known = len(corrected)
-            end, moved = corrected[-1], before[known - 1]
-            after = corrected + [_carried(end, moved, pose) for pose in before[known:]]
+            end, moved = gtsam.Pose2(*corrected[-1]), gtsam.Pose2(*before[known - 1])
+            rest = [end.compose(moved.between(gtsam.Pose2(*pose))) for pose in before[known:]]
+            after = corrected + [Pose(one.x(), one.y(), one.theta()) for one in rest]
         for publisher, poses in ((self._before, before), (self._after, after)):
             publisher.publish(self._path(stamps_ns, poses))
         self._correction.publish(self._stamped(stamps_ns[-1], self._incremental.correction))
@@ -223,20 +223,15 @@ class PoseGraphNode(Node):
 
 def _pose(pose: PoseMessage) -> Pose:
     at, turn = pose.position, pose.orientation
-    yaw = math.atan2(2 * (turn.w * turn.z + turn.x * turn.y), 1 - 2 * (turn.y**2 + turn.z**2))
-    return Pose(at.x, at.y, yaw)
+    return Pose(at.x, at.y, _yaw(turn.x, turn.y, turn.z, turn.w))
+
+
+def _yaw(x: float, y: float, z: float, w: float) -> float:
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def _stamp_ns(message: Any) -> int:
     return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
-def _carried(end: Pose, moved: Pose, pose: Pose) -> Pose:
-    """Return where `pose` is if `moved` is really at `end`."""
-    turn = end.yaw - moved.yaw
-    x, y = pose.x - moved.x, pose.y - moved.y
-    cos, sin = math.cos(turn), math.sin(turn)
-    return Pose(end.x + cos * x - sin * y, end.y + sin * x + cos * y, pose.yaw + turn)
 
 
 def main() -> int:
