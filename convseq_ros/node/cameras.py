@@ -8,6 +8,7 @@ from shlex import quote
 
 from convseq_ros.errors import ConfigError
 from convseq_ros.node.conversions import type_name
+from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.topics import FollowingSubscription, steady_timer
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.sources.raw_message import RawMessage
@@ -27,7 +28,7 @@ class ImageSubscription(FollowingSubscription):
 
     def __init__(
         self,
-        node: Node,
+        node: ListeningNode,
         depth: int,
         on_image: Callable[[RawMessage, str], None],
         topic: str = 'image',
@@ -61,7 +62,7 @@ class ImageSubscription(FollowingSubscription):
 
 
 def image_subscriptions(
-    node: Node, config: NodeConfig, on_image: Callable[[RawMessage, str], None]
+    node: ListeningNode, config: NodeConfig, on_image: Callable[[RawMessage, str], None]
 ) -> list[ImageSubscription]:
     """Return one for each of `image_topics`, or one for `image`; ConfigError if one is twice."""
     names = config.image_topics.split() or ['image']

@@ -175,6 +175,7 @@ def cloud_fields(row: np.dtype[np.void]) -> list[PointField]:
     return fields
 
 
+@cache
 def type_name(kind: type) -> str:
     """Return the name of a message's type on the ROS graph, such as sensor_msgs/msg/Image."""
     return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'

@@ -14,6 +14,7 @@ from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.node.cameras import camera_info_beside
 from convseq_ros.node.conversions import stamp_to_ns
+from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.reading_config import ReadingConfig
@@ -60,7 +61,7 @@ class Odometry:
     the odometry is what an offline run finds, one that is extrapolated is a guess.
     """
 
-    def __init__(self, node: Node, wait_s: float) -> None:
+    def __init__(self, node: ListeningNode, wait_s: float) -> None:
         self.frame_id = ''
         self.missing = 0
         self._node = node
@@ -120,7 +121,9 @@ class Odometry:
 class DepthImages:
     """Listens to depth images, if there is a topic; counts what is unreadable or missing."""
 
-    def __init__(self, node: Node, topic: str, wait_s: float, reading: ReadingConfig) -> None:
+    def __init__(
+        self, node: ListeningNode, topic: str, wait_s: float, reading: ReadingConfig
+    ) -> None:
         self.unreadable = self.missing = 0
         self._logger, self._reading = node.get_logger(), reading
         self._newest = deque[tuple[int, RawMessage]](maxlen=KEPT)
@@ -158,7 +161,11 @@ class FrameContext:
     """Listens to `odom`, and to `camera_info` and depth of the first of the cameras' `topics`."""
 
     def __init__(
-        self, node: Node, config: NodeConfig, reading: ReadingConfig, topics: Sequence[str]
+        self,
+        node: ListeningNode,
+        config: NodeConfig,
+        reading: ReadingConfig,
+        topics: Sequence[str],
     ) -> None:
         self.odometry = Odometry(node, config.odom_wait_s)
         self.depth = DepthImages(node, config.depth_topic, config.odom_wait_s, reading)
@@ -195,7 +202,7 @@ class FrameContext:
 class CameraDescription:
     """Listens to a topic of camera_info; the last message holds. `mount` knows its frame."""
 
-    def __init__(self, node: Node, mount: 'Mount', topic: str = 'camera_info') -> None:
+    def __init__(self, node: ListeningNode, mount: 'Mount', topic: str = 'camera_info') -> None:
         self._camera: Camera | None = None
         self._mount, self._frame_id = mount, ''
         self._logger = node.get_logger()

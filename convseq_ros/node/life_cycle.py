@@ -7,13 +7,13 @@ from itertools import chain
 from typing import Any
 
 from convseq_ros.errors import ConvseqError
+from convseq_ros.node.listener import ListeningNode
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
-from rclpy.node import Node
 
 _DONE, _REFUSED = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
-class ManagedNode(LifecycleNodeMixin, Node):
+class ManagedNode(LifecycleNodeMixin, ListeningNode):
     """
     A plain node until `manage` is called; from then on its transitions call these.
 
@@ -22,7 +22,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
     """
 
     def __init__(self, name: str, **kwargs: Any) -> None:
-        Node.__init__(self, name, **kwargs)
+        ListeningNode.__init__(self, name, **kwargs)
         self._own: frozenset[Any] | None = None
 
     def open_work(self) -> None:

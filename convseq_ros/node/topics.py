@@ -3,8 +3,10 @@
 """Publishers, and subscriptions that are reliable if the publisher is."""
 
 from collections.abc import Callable
+from threading import RLock
 from typing import Any
 
+from convseq_ros.node.listener import ListeningNode
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import (
@@ -26,7 +28,7 @@ SERVICE_QOS = QoSProfile(depth=1000)
 Requests, and answers that are not acknowledged yet, of all callers together; with the usual 10,
 most calls of a quick caller are lost while a frame keeps the processor busy.
 """
-# By default, each publisher adds two events to what the executor waits for anew with each image.
+# By default, each publisher adds two events to what the executor waits for anew each time.
 _NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 _DEPTH = 10
 
@@ -45,14 +47,14 @@ class FollowingSubscription:
     """
     Asks for reliable delivery, and for best effort while a publisher offers no better.
 
-    `on_message` receives each message in the executor's thread, for which `depth` may wait; its
+    `on_message` receives each message in the listener's thread, for which `depth` may wait; its
     bytes, if it is asked for `raw`. `lost` counts what did not arrive since the first: as the
     middleware reports and, of a single publisher, by the numbers of its messages.
     """
 
     def __init__(
         self,
-        node: Node,
+        node: ListeningNode,
         kind: type,
         topic: str,
         on_message: Callable[[Any], None],
@@ -64,6 +66,7 @@ class FollowingSubscription:
         self._node, self._own_kind, self.topic = node, kind, node.resolve_topic_name(topic)
         self._on_message, self._depth, self._raw = on_message, depth, raw
         self._subscription: Any = None
+        self._changing = RLock()  # the executor may move it, while the listener follows publishers
         if starts:
             self.start()
 
@@ -72,9 +75,10 @@ class FollowingSubscription:
         self._subscribe(ReliabilityPolicy.RELIABLE)
 
     def stop(self) -> None:
-        if self._subscription:
-            self._node.destroy_subscription(self._subscription)
-        self._subscription = None
+        with self._changing:
+            if self._subscription:
+                self._node.destroy_subscription(self._subscription)
+            self._subscription = None
 
     @property
     def kind(self) -> type:
@@ -92,28 +96,31 @@ class FollowingSubscription:
             self._subscribe(self._reliability)
 
     def hold_at_most(self, depth: int) -> None:
-        """Have fewer messages wait for the executor from now on."""
+        """Have fewer messages wait for the listener from now on."""
         if depth < self._depth and self._subscription:
             self._depth = depth
             self._subscribe(self._reliability)
 
     def _subscribe(self, reliability: ReliabilityPolicy) -> None:
-        self.stop()
-        self._reliability = reliability
         on_message: Any = self._on_numbered  # rclpy's types know of no second argument
-        self._subscription = self._node.create_subscription(
-            self.kind,
-            self.topic,
-            on_message,
-            QoSProfile(depth=self._depth, reliability=reliability),
-            raw=self._raw,
-            event_callbacks=SubscriptionEventCallbacks(
-                incompatible_qos=self._on_incompatible_qos,
-                message_lost=self._on_lost,
-                matched=self._on_matched,
-                use_default_callbacks=False,
-            ),
-        )
+        with self._changing:
+            self.stop()
+            self._reliability = reliability
+            self._subscription = self._node.create_subscription(
+                self.kind,
+                self.topic,
+                on_message,
+                QoSProfile(depth=self._depth, reliability=reliability),
+                raw=self._raw,
+                callback_group=self._node.listener.group,
+                event_callbacks=SubscriptionEventCallbacks(
+                    incompatible_qos=self._on_incompatible_qos,
+                    message_lost=self._on_lost,
+                    matched=self._on_matched,
+                    use_default_callbacks=False,
+                ),
+            )
+            self._node.listener.add(self._subscription)
 
     def _on_incompatible_qos(self, info: QoSRequestedIncompatibleQoSInfo) -> None:
         logger = self._node.get_logger()

@@ -44,9 +44,9 @@ class VprNode(ManagedNode):
     """
     Recognises the places of a map in the images of a camera.
 
-    The executor's thread only queues images and answers services and parameters; all work on
-    images is done in one thread of its own. ConvseqError if a parameter is not allowed, or the map
-    or the result file cannot be opened.
+    The listener's thread only queues images, the executor's answers services and parameters; all
+    work on images is done in one thread of its own. ConvseqError if a parameter is not allowed, or
+    the map or the result file cannot be opened.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -148,6 +148,8 @@ class VprNode(ManagedNode):
         if not self._is_open:
             return
         self._is_open = self._listening = False
+        for one in self._images:
+            one.stop()
         self._localization.give_up()
         if self._worker.stop(_STOP_TIMEOUT_S if self._ready else 0.0):
             self._recognition.close()

@@ -20,6 +20,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import ConvseqError, ImageError, MapError
 from convseq_ros.node.cameras import ImageSubscription
+from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.running import turns
 from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.reading_config import ReadingConfig
@@ -30,7 +31,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import numpy.typing as npt
 import rclpy
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args, try_shutdown
 from rich.columns import Columns
@@ -46,7 +46,7 @@ _RATE_FRAMES = 20
 _COLOURS = {'accepted': 'green', 'rejected': 'yellow', 'skipped': 'bright_black'}
 
 
-class Watcher(Node):
+class Watcher(ListeningNode):
     """Listens to `answer` of a node, and to its camera if the options of `parser` say so."""
 
     def __init__(self, options: argparse.Namespace) -> None:

@@ -9,6 +9,7 @@ from unittest.mock import Mock
 from convseq_ros.errors import ConfigError
 from convseq_ros.node import cameras
 from convseq_ros.node.cameras import image_subscriptions
+from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.node_config import NodeConfig
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -16,6 +17,7 @@ import pytest
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Empty
 
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -49,15 +51,16 @@ def test_a_camera_that_comes_back_reliable_is_heard_reliably(client, vpr, street
 
 
 @contextmanager
-def held_up(node):
-    """Keep the executor's thread of a node busy for as long as a block lasts."""
+def held_up(node, client):
+    """Keep the listener's thread of a node busy for as long as a block lasts."""
     begun, ended = threading.Event(), threading.Event()
 
-    def wait():
+    def wait(_message):
         begun.set()
         assert ended.wait(60)
 
-    node.create_guard_condition(wait).trigger()
+    FollowingSubscription(node, Empty, '/busy', wait, 1)
+    client.camera(Empty, '/busy').publish(Empty())
     assert begun.wait(60)
     try:
         yield
@@ -70,7 +73,7 @@ def test_what_the_history_has_no_room_for_is_counted(client, vpr, street, image)
     camera = client.camera(Image)
     camera.publish(image(street[0], 1))
     client.wait_for(lambda: node._statistics.received == 1)
-    with held_up(node):
+    with held_up(node, client):
         for number in range(50):
             camera.publish(image(street[0], number + 2))
         assert camera.wait_for_all_acked(Duration(seconds=60))
