@@ -16,11 +16,12 @@ import numpy as np
 class ENTROPY:
     """Of the local entropy (paper III-B; where it is silent, the released script)."""
 
-    max_bits: float = 8.0  # bits of a pixel of 256 levels; entropy is told as a share of them
+    max_bits = float(np.iinfo(np.uint8).bits)  # of a pixel; entropy is told as a share of them
     side_px: int = 100  # of the small copy that entropy is computed on
     radius_px: int = 5  # of the disk around a pixel
     outside = int(2**max_bits)  # level that stands for what lies beyond the image
-    step: float = 2.0**-42  # bits; terms are multiples of it, so that any sum of them is exact
+    # Bits; terms are multiples of it, so that any sum of them, below 2 ** 11, is exact in float64.
+    step = 2.0 ** (11 - 53)
     resolution: float = 2.0**-32  # bits; how processors add up must not decide what is salient
 
 
@@ -30,7 +31,7 @@ class HOG:
 
     cell_px: int = 16  # W2 = H2 in the paper
     bins: int = 8  # L in the paper
-    margin_px: int = 2  # beside the image; a 5 x 5 Sobel reaches so far
+    margin_px = 5 // 2  # beside the image; a 5 x 5 Sobel reaches so far
     hidden_bits: float = -1000.0  # entropy of a masked cell, so that no region with it is salient
 
 

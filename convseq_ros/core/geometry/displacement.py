@@ -36,19 +36,15 @@ class FIELD:
 class Arranged:
     """The regions of an image as kernels read them, in bytes; equal to itself only."""
 
-    room: npt.NDArray[np.int32]  # `rows`, between words that a kernel may read
-    side: int  # regions in a row of the image
+    # (side, 8, wide), from the beginning of a cache line: four bytes of a region in a word, and
+    # zeros to the right.
+    # Before and behind them lie 32 + `wide` words that a kernel may read.
+    rows: npt.NDArray[np.int32]
 
     @property
-    def rows(self) -> npt.NDArray[np.int32]:
-        """Four bytes of a region in a word, and zeros to the right, (side, 8, wide)."""
-        count = self.side * _WORDS * _wide(self.side)
-        return self.first[:count].reshape(self.side, _WORDS, -1)
-
-    @property
-    def first(self) -> npt.NDArray[np.int32]:
-        """All from the first word of the first region on."""
-        return self.room[_border(self.side) :]
+    def side(self) -> int:
+        """Regions in a row of the image."""
+        return len(self.rows)
 
     @property
     def regions(self) -> Regions:
@@ -60,19 +56,13 @@ class Arranged:
 def arranged(regions: Regions) -> Arranged:
     """Return regions (side ** 2, 32) of at most unit length as kernels read them; NaN is zero."""
     side = isqrt(len(regions))
-    room = np.zeros(side * _WORDS * _wide(side) + 2 * _border(side) + 16, np.int32)
-    made = Arranged(room[-address(room) % 64 // 4 :], side)  # which begins with a cache line
-    kernels_of(__package__).arrange(regions, made.rows)
-    return made
-
-
-def _wide(side: int) -> int:
-    return -(-side // _SPREAD) * _SPREAD
-
-
-def _border(side: int) -> int:
-    """Return how many words before and behind the regions a kernel may read."""
-    return _wide(side) + _SPREAD
+    wide = -(-side // _SPREAD) * _SPREAD
+    count, border = side * _WORDS * wide, wide + _SPREAD
+    room = np.zeros(count + 2 * border + 16, np.int32)
+    first = border + -address(room) % 64 // 4
+    rows = room[first : first + count].reshape(side, _WORDS, wide)
+    kernels_of(__package__).arrange(regions, rows)
+    return Arranged(rows)
 
 
 def weights() -> Floats:

@@ -38,7 +38,7 @@ def arrange(regions: Regions, rows: npt.NDArray[np.int32]) -> None:
 def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) -> Displacements:
     """Return what `numpy_kernels.displacements` does, to 1e-4 cells."""
     found, kept = np.empty((query.side**2, 5), np.float32), np.zeros(1, np.int64)
-    _displacements(query.first, reference.first, query.side, *start, *_OF_FIELD, found, kept)
+    _displacements(query.rows, reference.rows, query.side, *start, *_OF_FIELD, found, kept)
     return found[: kept[0]]
 
 
@@ -54,10 +54,10 @@ def verified(
 ) -> Doubles:
     """Return what `numpy_kernels.verified` does."""
     judged = np.empty((len(references), 4))
-    where = np.array([address(one.first) for one in references], np.uint64)
+    where = np.array([address(one.rows) for one in references], np.uint64)
     shifts = np.array(starts, np.int64).reshape(-1, 2)
     _verify(
-        query.first, where, len(references), query.side, shifts, *_OF_FIELD, *_OF_MOTION, judged
+        query.rows, where, len(references), query.side, shifts, *_OF_FIELD, *_OF_MOTION, judged
     )  # fmt: skip
     return judged
 
