@@ -8,8 +8,7 @@ from dataclasses import replace
 from functools import partial
 
 from convseq_ros.config import Config
-from convseq_ros.core.decision.belief_decider import BeliefDecider
-from convseq_ros.core.decision.decider import PaperDecider, Query
+from convseq_ros.core.decision.decider import BeliefDecider, PaperDecider, Query
 from convseq_ros.core.decision.localizer import Localizer
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import Describe, FirstStage
