@@ -285,13 +285,12 @@ class Config:
         return rule == 'belief' or (rule == 'auto' and matching == 'coherent')
 
 
-def _groups(kind: type) -> dict[str, type]:
-    return {item.name: item.type for item in fields(kind)}  # type: ignore[misc]
+_GROUPS: dict[str, Any] = {item.name: item.type for item in fields(Config)}
 
 
 def core_parameters() -> Iterator[Parameter]:
     """Yield the parameters of `Config`, all groups, in order."""
-    for group in _groups(Config).values():
+    for group in _GROUPS.values():
         yield from parameters(group)
 
 
@@ -310,7 +309,7 @@ def make_config(values: Mapping[str, Any]) -> Config:
 def with_values(config: Config, values: Mapping[str, Any]) -> Config:
     """Return a configuration with other values, given under flat names; constants may be too."""
     changed = {}
-    for name in _groups(Config):
+    for name in _GROUPS:
         group = getattr(config, name)
         own = {one.name: values[one.name] for one in fields(group) if one.name in values}
         changed[name] = replace(group, **own)
@@ -319,5 +318,5 @@ def with_values(config: Config, values: Mapping[str, Any]) -> Config:
 
 def flatten(config: Config) -> dict[str, Value]:
     """Return all values of a configuration, constants too, under their flat names."""
-    groups = (getattr(config, name) for name in _groups(Config))
+    groups = (getattr(config, name) for name in _GROUPS)
     return {one.name: getattr(group, one.name) for group in groups for one in fields(group)}

@@ -16,7 +16,7 @@ from convseq_ros.config import Config, core_parameters
 from convseq_ros.errors import ConfigError, SourceError
 from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.given_scores import PairScores
-from convseq_ros.evaluation.material import Images, Material
+from convseq_ros.evaluation.material import described, Images, Material
 from convseq_ros.evaluation.recognition import Recognition, recognize, with_known
 from convseq_ros.files import read_array
 from convseq_ros.onnx_model import OnnxModel
@@ -264,16 +264,9 @@ def _descriptors(
 
 
 def _described(images: Images, describe: Callable[[Gray], Vectors]) -> tuple[Vectors, float]:
-    rows: list[Vectors | None] = []
-    durations = []
-    for frame in images:
-        started = time.perf_counter()
-        image = frame.gray if frame.color is None else frame.color
-        rows.append(None if image is None else describe(image))
-        durations.append((time.perf_counter() - started) * 1e3)
+    rows, median_ms = described(images, describe)
     nothing = np.zeros_like(next(row for row in rows if row is not None))
-    stacked = np.stack([nothing if row is None else row for row in rows])
-    return stacked, float(np.median(durations))
+    return np.stack([nothing if row is None else row for row in rows]), median_ms
 
 
 def _by_cosine(query: Vectors, reference: Vectors, encode_ms: float | None = None) -> PairScores:

@@ -17,7 +17,7 @@ from convseq_ros.baselines.vocabulary import bag_scores, Vocabulary
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Frame, Match, Reason, Status
 from convseq_ros.evaluation.given_scores import PairScores
-from convseq_ros.evaluation.material import Drive, Material
+from convseq_ros.evaluation.material import described, Drive, Material
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 import numpy as np
@@ -108,10 +108,6 @@ def matches_of(found: Iterable[Detection], query: Drive, part: ReferenceMap) -> 
 
 def _extracted(frames: Iterable[Frame], extract: Extract) -> tuple[list[Keypoints], float]:
     """Return the keypoints of each frame, none of an unreadable one, and the median time."""
-    found, durations_ms = list[Keypoints](), list[float]()
-    for frame in frames:
-        started = time.perf_counter()
-        gray = np.zeros((1, 1), np.uint8) if frame.gray is None else frame.gray
-        found.append(extract(gray))
-        durations_ms.append((time.perf_counter() - started) * 1e3)
-    return found, float(np.median(durations_ms))
+    found, median_ms = described(frames, extract)
+    nothing = extract(np.zeros((1, 1), np.uint8))
+    return [nothing if one is None else one for one in found], median_ms

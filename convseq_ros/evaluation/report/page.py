@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import quote
 
 from convseq_ros.evaluation.report.charts import run_charts, set_charts, svg
-from convseq_ros.evaluation.report.shown import Shown
+from convseq_ros.evaluation.report.shown import Row, Shown
 from convseq_ros.evaluation.run_folder import write_text
 from convseq_ros.evaluation.table import best_of, HEADINGS, summary_rows, text_of
 from convseq_ros.regular_file import read_bytes
@@ -120,22 +120,16 @@ def _pairs(runs: Sequence[Shown], step: int) -> dict[str, Any]:
             numbers[path] = pictures.setdefault(uri, len(pictures)) if whole else None
         return numbers[path]
 
-    shown = []
-    for one in runs:
-        shown.append(
-            {
-                'set': one.run.set,
-                'method': one.name,
-                'rows': [
-                    [
-                        row.verdict,
-                        *row.told,
-                        picture(one, 'query', row.query),
-                        picture(one, 'reference', row.best),
-                        picture(one, 'reference', row.truth),
-                    ]
-                    for row in one.rows[::step]
-                ],
-            }
-        )
+    def told(one: Shown, row: Row) -> list[Any]:
+        sides = ('query', row.query), ('reference', row.best), ('reference', row.truth)
+        return [row.verdict, *row.told, *(picture(one, *side) for side in sides)]
+
+    shown = [
+        {
+            'set': one.run.set,
+            'method': one.name,
+            'rows': [told(one, row) for row in one.rows[::step]],
+        }
+        for one in runs
+    ]
     return {'runs': shown, 'pictures': list(pictures)}
