@@ -95,12 +95,8 @@ class Database:
     def transaction(self, kind: str = 'DEFERRED') -> Iterator[None]:
         """Do all of what follows, or nothing; see what the file held at one moment."""
         self.begin(kind)
-        try:
+        with self._database:
             yield
-            self.commit()
-        except BaseException:
-            self.roll_back()
-            raise
 
     def begin(self, kind: str = 'IMMEDIATE') -> None:
         """Begin a transaction, unless one is begun: by default one that writes."""
