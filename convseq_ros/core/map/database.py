@@ -5,9 +5,9 @@
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 import fcntl
+import glob
 import os
 from pathlib import Path
-import re
 import sqlite3
 import stat
 import time
@@ -20,7 +20,6 @@ from convseq_ros.regular_file import PART
 Rows = list[tuple[Any, ...]]
 
 BESIDE = '-journal', '-wal', '-shm'  # SQLite's files
-_MADE = re.compile(r'[a-z0-9_]{8}')  # what `tempfile` puts between a map's name and the end
 _SAFELY = (  # https://sqlite.org/security.html
     'PRAGMA trusted_schema = OFF',
     'PRAGMA cell_size_check = ON',
@@ -243,17 +242,14 @@ def _delete_parts(target: Path) -> None:
     None is made without the lock. What others may have made stays: only this user's closed folders
     are looked at, of such a name, with nothing but a map in them.
     """
-    start, own = f'{target.name}.', {target.name + end for end in ('', '-lock', *BESIDE)}
+    own = {target.name + end for end in ('', '-lock', *BESIDE)}
+    made = f'{glob.escape(target.name)}.{8 * "[a-z0-9_]"}{PART}'  # by `tempfile`
     with suppress(OSError):
-        for one in os.scandir(target.parent):
-            middle = one.name.removeprefix(start).removesuffix(PART)
-            if one.name != start + middle + PART or not _MADE.fullmatch(middle):
-                continue
+        for one in target.parent.glob(made):
             with suppress(OSError):
-                about = one.stat(follow_symlinks=False)
-                if about.st_mode != stat.S_IFDIR | 0o700 or about.st_uid != os.geteuid():
-                    continue
-                if own.issuperset(os.listdir(one.path)):
-                    for name in os.listdir(one.path):
-                        os.unlink(Path(one.path, name))
-                    os.rmdir(one.path)
+                about = one.lstat()
+                is_closed = about.st_mode == stat.S_IFDIR | 0o700
+                if is_closed and about.st_uid == os.geteuid() and own.issuperset(os.listdir(one)):
+                    for name in os.listdir(one):
+                        (one / name).unlink()
+                    one.rmdir()
