@@ -68,9 +68,9 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
     MapError if they were made with different settings or one is there twice.
     """
     _refuse_unlike(slices)
-    own = slices[0].reference_map
+    first = slices[0].reference_map
     every = [(one.reference_map, at) for one in slices for at in one.places]
-    places = Places(own.global_descriptors.shape[1], len(every))
+    places = Places(first.global_descriptors.shape[1], len(every))
     for number, one in enumerate(slices):
         for at in one.places:
             place = one.reference_map.places[at]
@@ -78,17 +78,16 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
             places.append(place, one.reference_map.global_descriptors[at])
 
     def read(wanted: Sequence[int], with_images: bool) -> list[Picture]:
-        found, of_map = dict[int, Picture](), dict[int, list[int]]()
+        found, of_map = dict[int, Picture](), dict[ReferenceMap, list[int]]()
         for one in wanted:
-            of_map.setdefault(id(every[one][0]), []).append(one)
-        for some in of_map.values():
-            from_file = every[some[0]][0]
-            pictures = from_file.pictures([every[one][1] for one in some], with_images)
+            of_map.setdefault(every[one][0], []).append(one)
+        for own, some in of_map.items():
+            pictures = own.pictures([every[one][1] for one in some], with_images)
             found.update(zip(some, pictures, strict=True))
         return [found[one] for one in wanted]
 
     sessions = [one.session for one in slices]
-    made = ReferenceMap(own.encoding, places, read, own.keyframes, sessions=sessions)
+    made = ReferenceMap(first.encoding, places, read, first.keyframes, sessions=sessions)
     carry_links(every, made.links)
     return made
 
@@ -125,18 +124,18 @@ def carry_links(every: Sequence[tuple[ReferenceMap, int]], links: Links) -> None
     an anchor stays out, the earliest of its looks takes its part. What comes from another map than
     the first place is to be looked up among what comes before it.
     """
-    firsts, news = dict[tuple[int, int], int](), dict[tuple[int, int], int]()
+    firsts, news = dict[tuple[ReferenceMap, int], int](), dict[tuple[ReferenceMap, int], int]()
     for new, (own, at) in enumerate(every):
-        news[id(own), at] = new
+        news[own, at] = new
         if not own.links.known:
             continue
-        first = firsts.setdefault((id(own), own.links.anchor(at)), new)
+        first = firsts.setdefault((own, own.links.anchor(at)), new)
         link = own.links.details(at)
-        while link and (id(own), link.other) not in news:
+        while link and (own, link.other) not in news:
             onward = own.links.details(link.other)
             link = onward and beyond(link, onward)
         if link:
-            other = news[id(own), link.other]
+            other = news[own, link.other]
             links.add(new, other, link.confidence, link.inliers, link.relative, first)
         elif first != new:
             links.add(new, first)
