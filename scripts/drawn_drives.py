@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from convseq_ros.core.types import Frame
-from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.layout import Layout, STRETCH_M
 from convseq_ros.simulation.light import Light
 from convseq_ros.simulation.street import Spot, Street, Stretch
 import cv2
+from drives import shots
 import numpy as np
 
 SPEED_MPS = 10.0
@@ -118,25 +118,16 @@ def altered(gray: np.ndarray, look: str, rng: np.random.Generator) -> np.ndarray
 def drawn(pair: Pair, asks: bool) -> tuple[list[Frame], np.ndarray]:
     """Return the frames of the map's drive, or of the one that asks, and how far each is."""
     speed = pair.speed if asks else 1.0
-    drive = Drive(
-        speed_mps=SPEED_MPS * speed,
-        frame_rate_hz=SPEED_MPS / pair.step_m,
-        num_frames=int(pair.count / speed),
-        lane_offset_m=pair.offset_m if asks else -1.5,
-        heading_deg=pair.heading_deg * asks,
-        light=pair.light if asks else 'day',
-        noise=pair.noise * asks,
-        seed=2 * pair.seed + asks,
-        width_px=320,
-        height_px=240,
-    )
     way = Terrace(1000.0, pair.seed) if pair.is_terrace else Street(1000.0, pair.seed)
-    rng = np.random.default_rng((pair.seed, asks))
-    frames, distances = [], []
-    for shot in draw(way, drive):
-        frame = shot.frame
+    shown = shots(
+        way, speed_mps=SPEED_MPS * speed, frame_rate_hz=SPEED_MPS / pair.step_m,
+        num_frames=int(pair.count / speed), lane_offset_m=pair.offset_m if asks else -1.5,
+        heading_deg=pair.heading_deg * asks, light=pair.light if asks else 'day',
+        noise=pair.noise * asks, seed=2 * pair.seed + asks,
+    )  # fmt: skip
+    rng, frames = np.random.default_rng((pair.seed, asks)), []
+    for _, frame in shown:
         for look in (*pair.both_look, *(pair.looks if asks else ())):
             frame = replace(frame, gray=altered(frame.gray, look, rng))
         frames.append(frame)
-        distances.append(shot.distance_m)
-    return frames, np.array(distances)
+    return frames, np.array([at for at, _ in shown])

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout, suppress
+from functools import partial
 from io import StringIO
 import json
 import os
@@ -79,17 +80,13 @@ def _commands(path: Path, drive: Path) -> dict[str, list[str]]:
     }
 
 
-def _changed(change: Change) -> Callable[[Path, random.Random], None]:
-    """Return a way that executes statements in a map, and makes all checksums good."""
-
-    def make(path: Path, draw: random.Random) -> None:
-        database = sqlite3.connect(path, isolation_level=None)
-        database.execute('BEGIN')
-        change(database, draw)
-        database.execute('COMMIT')
-        database.close()
-
-    return make
+def _execute(change: Change, path: Path, draw: random.Random) -> None:
+    """Execute statements in a map."""
+    database = sqlite3.connect(path, isolation_level=None)
+    database.execute('BEGIN')
+    change(database, draw)
+    database.execute('COMMIT')
+    database.close()
 
 
 def _set(table: str, column: str, value: Callable[[random.Random], object]) -> Change:
@@ -268,28 +265,31 @@ def _encoding(database: sqlite3.Connection, draw: random.Random) -> None:
     database.execute("UPDATE about SET value = ?, crc32 = ? WHERE name = 'encoding'", sound)
 
 
-_WAYS: dict[str, Callable[[Path, random.Random], None]] = {
-    'trigger': _changed(_trigger),
-    'view': _changed(_view),
-    'table of another': _changed(_hidden_view),
-    'last index': _changed(_index),
-    'huge value': _changed(_huge),
-    'setting': _changed(_set('about', 'value', lambda draw: draw.choice(_OF_SETTINGS))),
-    'encoding': _changed(_encoding),
-    'camera': _changed(_set('sessions', 'camera', lambda draw: draw.choice(_OF_SETTINGS))),
-    'id': _changed(_set('sessions', 'id', lambda draw: draw.choice(('x' * 10**6, b'x', '')))),
-    'numbers of a camera': _changed(_set('sessions', 'camera', _camera)),
-    'session': _changed(_set('places', 'session', lambda draw: draw.choice(_NUMBERS))),
-    'stamp': _changed(_set('places', 'stamp_ns', lambda draw: draw.choice(_NUMBERS))),
-    'position': _changed(
-        _set('places', 'x', lambda draw: draw.choice((None, float('inf'), 1e308, 'text', -0.0)))
+_CHANGES: dict[str, Change] = {
+    'trigger': _trigger,
+    'view': _view,
+    'table of another': _hidden_view,
+    'last index': _index,
+    'huge value': _huge,
+    'setting': _set('about', 'value', lambda draw: draw.choice(_OF_SETTINGS)),
+    'encoding': _encoding,
+    'camera': _set('sessions', 'camera', lambda draw: draw.choice(_OF_SETTINGS)),
+    'id': _set('sessions', 'id', lambda draw: draw.choice(('x' * 10**6, b'x', ''))),
+    'numbers of a camera': _set('sessions', 'camera', _camera),
+    'session': _set('places', 'session', lambda draw: draw.choice(_NUMBERS)),
+    'stamp': _set('places', 'stamp_ns', lambda draw: draw.choice(_NUMBERS)),
+    'position': _set(
+        'places', 'x', lambda draw: draw.choice((None, float('inf'), 1e308, 'text', -0.0))
     ),
-    'descriptor': _changed(_set('places', 'pooled', _blob)),
-    'cells': _changed(_set('pictures', 'cells', _blob)),
-    'thumbnail': _changed(_set('pictures', 'thumbnail', _blob)),
-    'image': _changed(_set('images', 'jpeg', _blob)),
-    'link': _changed(_link),
-    'links without places': _changed(_many_links),
+    'descriptor': _set('places', 'pooled', _blob),
+    'cells': _set('pictures', 'cells', _blob),
+    'thumbnail': _set('pictures', 'thumbnail', _blob),
+    'image': _set('images', 'jpeg', _blob),
+    'link': _link,
+    'links without places': _many_links,
+}
+_WAYS: dict[str, Callable[[Path, random.Random], None]] = {
+    **{name: partial(_execute, change) for name, change in _CHANGES.items()},
     'holes': _holes,
     'pages': _pages,
     'journal': _journal,
