@@ -4,7 +4,6 @@
 
 import argparse
 from collections.abc import Mapping, Sequence
-import json
 import math
 from pathlib import Path
 import shutil
@@ -68,11 +67,8 @@ def _run(chosen: argparse.Namespace) -> None:
     poses = dict(read_poses(recording, '/ground_truth'))
     truth = {stamp_ns: pose.position[:2] for stamp_ns, pose in poses.items()}
     false = draw_false(np.random.default_rng(0), truth, chosen.false)
-    (folder / 'false_closures.json').write_text(
-        json.dumps([[one.query_ns / 1e9, one.reference_ns / 1e9] for one in false])
-    )
     _say(f'playing it to vpr_node and to the pose graph, at {chosen.rate:g} times its speed')
-    play(folder, len(truth), chosen.rate, _VPR)
+    play(folder, len(truth), chosen.rate, _VPR, false)
 
     stamped, closures, kept = read_record(folder / 'pose_graph.json')
     injected = {(micro(c.query_ns), micro(c.reference_ns)) for c in false}

@@ -2,58 +2,82 @@
 # SPDX-License-Identifier: Apache-2.0
 """The drive played to vpr_node and to the pose graph, each in a process of its own, over DDS."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+import os
 from pathlib import Path
 import subprocess
 import time
+from typing import Any
 
-from convseq_ros.cli.processes import player_arguments, running, wait_for_rows
+from convseq_ros.cli.processes import environment, player_arguments, running, wait_for_rows
 from convseq_ros.errors import ConvseqError
+from graph import Closure
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
 
 _HERE = Path(__file__).resolve().parent
-_CLOSURES = ['-r', 'loop_closure:=/vpr_node/loop_closure']
-_POSES = ['-r', 'pose:=/vpr_node/pose', '-r', 'closure:=/vpr_node/closure']
+_LOOP_CLOSURE = '/vpr_node/loop_closure'
+_REMAPPED = ['-r', f'loop_closure:={_LOOP_CLOSURE}', '-r', 'pose:=/vpr_node/pose']
+_REMAPPED += ['-r', 'closure:=/vpr_node/closure']
 _STALLED_S = 30.0
 _END_S = 60.0
 _POLL_S = 0.2
 
 
-def play(folder: Path, frames: int, rate: float, settings: Mapping[str, object]) -> None:
+class FalseClosures(Node):
+    """Lies: publishes each closure on `loop_closure` when odometry has come so far."""
+
+    def __init__(self, false: Sequence[Closure], context: Context) -> None:
+        super().__init__('false_closures', context=context)
+        self._pairs = sorted([one.query_ns / 1e9, one.reference_ns / 1e9] for one in false)
+        self._closures = self.create_publisher(Float64MultiArray, _LOOP_CLOSURE, 10)
+        self.create_subscription(Odometry, 'odom', self._on_odometry, 1000)
+
+    def _on_odometry(self, message: Any) -> None:
+        now_s = message.header.stamp.sec + message.header.stamp.nanosec / 1e9
+        while self._pairs and self._pairs[0][0] < now_s:
+            self._closures.publish(Float64MultiArray(data=self._pairs.pop(0)))
+
+
+def play(
+    folder: Path,
+    frames: int,
+    rate: float,
+    settings: Mapping[str, object],
+    false: Sequence[Closure],
+) -> None:
     """
     Run all of it until every frame of a recording was recognised; ConvseqError if a process fails.
 
-    The folder holds the recording `drive` and the pairs of times `false_closures.json`; it gets
-    the logs, `vpr_node.csv` and `pose_graph.json`. It is played at `rate` times its speed, to a
-    vpr_node with some `settings`.
+    The folder holds the recording `drive`; it gets the logs, `vpr_node.csv` and
+    `pose_graph.json`. It is played at `rate` times its speed, to a vpr_node with some `settings`,
+    and `false` closures are sent in between.
     """
     table = folder / 'vpr_node.csv'
     vpr = ['-m', 'convseq_ros.node.vpr_node', *_parameters(settings, table)]
     graph = [
         str(_HERE / 'pose_graph_node.py'),
         *_parameters({'use_pose': 'true', 'use_closure': 'true'}, folder / 'pose_graph.json'),
-        *_CLOSURES,
-        *_POSES,
-    ]
-    liar = [
-        str(_HERE / 'false_closures.py'),
-        str(folder / 'false_closures.json'),
-        '--ros-args',
-        *_CLOSURES,
+        *_REMAPPED,
     ]
     player = player_arguments(folder / 'drive', rate)
     with (
+        _lying(false, folder) as liar,
         running('pose_graph', graph, folder, _END_S) as back_end,
-        running('false_closures', liar, folder, _END_S) as injector,
         running('player', player, folder, _END_S) as playing,
     ):
-        nodes = {'pose_graph': back_end, 'false_closures': injector}
+        nodes = {'pose_graph': back_end}
         _wait_for_back_end({**nodes, 'player': playing}, folder)
         # The player waits for vpr_node, which therefore comes last: all hear its first message.
         with running('vpr_node', vpr, folder, _END_S) as node:
             nodes['vpr_node'] = node
             while playing.poll() is None:
                 _check(nodes, folder)
-                time.sleep(_POLL_S)
+                liar.spin_once(timeout_sec=_POLL_S)
             if playing.returncode:
                 raise ConvseqError(f'the player failed; see {folder / "player.log"}')
             rows = wait_for_rows(table, frames, _STALLED_S)
@@ -62,6 +86,21 @@ def play(folder: Path, frames: int, rate: float, settings: Mapping[str, object])
                 raise ConvseqError(
                     f'{rows} of {frames} frames were recognised; see {folder}/*.log'
                 )
+
+
+@contextmanager
+def _lying(false: Sequence[Closure], folder: Path) -> Iterator[SingleThreadedExecutor]:
+    """Yield what serves a node that sends false closures to those of a folder."""
+    os.environ.update(environment(folder))
+    context = Context()
+    context.init()
+    executor, node = SingleThreadedExecutor(context=context), FalseClosures(false, context)
+    executor.add_node(node)
+    try:
+        yield executor
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
 
 
 def _wait_for_back_end(processes: Mapping[str, subprocess.Popen[bytes]], folder: Path) -> None:
