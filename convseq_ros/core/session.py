@@ -15,7 +15,7 @@ from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.database import MapLock
 from convseq_ros.core.map.edit import bound
-from convseq_ros.core.map.online import surplus
+from convseq_ros.core.map.online import Looks
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import MapWriter
@@ -125,7 +125,7 @@ class Autosave(NoAutosave):
     @property
     def has_surplus(self) -> bool:
         """Whether some place has more than `max_looks`."""
-        return bool(surplus(self.reference_map, self._max_looks))
+        return bool(Looks(self.reference_map, self._max_looks).surplus)
 
     def _run(self) -> None:
         while self._news.wait() and not self._end.is_set():

@@ -5,7 +5,7 @@
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, make_config
 from convseq_ros.core.map.edit import bound
-from convseq_ros.core.map.online import known_as, LOOK, surplus
+from convseq_ros.core.map.online import known_as, LOOK, Looks
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -49,7 +49,7 @@ def driven(lights, seed=0, missed=3):
 def test_each_light_stays_before_any_stays_twice(most):
     days = [0, 0, 1, 1, 0, 2, 1, 0, 2]
     whole = driven(days)
-    out = surplus(whole, most)
+    out = Looks(whole, most).surplus
     left = {*range(len(whole))} - {*out}
     assert len(left) == most * ROUND and left >= {*range(ROUND)}
     for at in range(ROUND):
@@ -69,17 +69,17 @@ def test_a_long_drive_whose_rounds_differ_by_noise_alone_keeps_the_first():
             whole.links.add(place, place - lap, 0.97, 40)
         else:
             whole.links.add_first(place)
-    left = {*range(len(whole))} - {*surplus(whole, most)}
+    left = {*range(len(whole))} - {*Looks(whole, most).surplus}
     assert max(left) < most * lap + LOOK.stretch and len(left) >= most * ROUND
 
 
 def test_no_limit_a_high_one_and_a_map_without_links_lose_nothing():
     whole = driven([0, 1, 0])
-    assert surplus(whole, 0) == surplus(whole, 3) == []
+    assert Looks(whole, 0).surplus == Looks(whole, 3).surplus == []
     bare = ReferenceMap(ENCODING)
     for index in range(50):
         bare.add(Place(index), np.ones((4, 4, 8), np.float16))
-    assert surplus(bare, 1) == []
+    assert Looks(bare, 1).surplus == []
 
 
 @settings(max_examples=60, deadline=None)
@@ -99,7 +99,7 @@ def test_anchors_stay_whatever_the_links(drawn, starts, most):
     for place, other in drawn:
         if other < place:
             whole.links.add(place, other)
-    out = surplus(whole, most)
+    out = Looks(whole, most).surplus
     assert out == sorted({*out}) and not {*out} & {anchor for _, anchor in whole.links}
     assert not [one for one in out if whole.links.anchor(one) == one and not _beside(whole, one)]
 

@@ -135,9 +135,9 @@ def test_a_lost_row_is_found(map_path, table, index):
 def test_many_places_are_read_in_the_order_asked_for(map_path, count):
     whole, opened = make(), open_map(map_path)
     indices = np.random.default_rng(0).integers(0, 5, count).tolist()
-    found = opened.cells_of(indices)
+    found = opened.packed_of(indices)
     assert len(found) == count
-    expected = map(whole.cells, indices)
+    expected = map(whole.packed, indices)
     assert all((one == other).all() for one, other in zip(found, expected, strict=True))
 
 
@@ -148,8 +148,8 @@ def test_one_bad_place_among_many_is_found_when_they_are_read(map_path, statemen
     with sqlite3.connect(map_path) as database:
         database.execute(f'{statement} pictures{values} WHERE reference_index = 3')
     with pytest.raises(MapError, match=r'reference 3 (is missing|fails its checksum)'):
-        opened.cells_of([0, 3, 1])
-    assert len(opened.cells_of([0, 1])) == 2
+        opened.packed_of([0, 3, 1])
+    assert len(opened.packed_of([0, 1])) == 2
 
 
 def test_unpacked_cells_are_64_times_the_packed_ones():

@@ -32,7 +32,7 @@ def test_a_place_that_is_not_there_is_an_index_error(index):
     with pytest.raises(IndexError, match='of 1'):
         reference_map.cells(index)
     with pytest.raises(IndexError, match='of 1'):
-        reference_map.cells_of([0, index])
+        reference_map.packed_of([0, index])
 
 
 def test_whoever_reads_while_it_grows_finds_places_complete():

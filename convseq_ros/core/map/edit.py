@@ -13,7 +13,7 @@ from convseq_ros.core.graph.links import beyond, Links
 from convseq_ros.core.map.crash_recovery import open_to_write
 from convseq_ros.core.map.database import Database, explained, MapLock
 from convseq_ros.core.map.format import kept_of, MapSession, row_crc
-from convseq_ros.core.map.online import surplus
+from convseq_ros.core.map.online import Looks
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -180,7 +180,7 @@ def without(slices: Sequence[SessionSlice], indices: Collection[int]) -> list[Se
 
 def limited(path: Path, whole: ReferenceMap, max_looks: int) -> ReferenceMap:
     """Return a map that keeps so many looks of each place: itself, if it has no more."""
-    out = surplus(whole, max_looks)
+    out = Looks(whole, max_looks).surplus
     return joined(without(slices_of(path, whole), out)) if out else whole
 
 

@@ -56,7 +56,7 @@ class Looks:
     def __init__(self, reference_map: ReferenceMap, max_looks: int) -> None:
         self._map, self._most = reference_map, max_looks
         self._of = dict[int, list[int]]()  # stretches that are kept, by the first one of a place
-        self.surplus = list[int]()  # places that the map does without
+        self.surplus = list[int]()  # places that the map does without, ascending
         if not max_looks or not len(reference_map.links):
             return
         for start, end in pairwise([*reference_map.bounds.starts.tolist(), len(reference_map)]):
@@ -67,6 +67,7 @@ class Looks:
                     shown = reference_map.global_descriptors[looks[0]]
                     gone = self._take(stretch, first[looks[0]], shown)
                     self.surplus += self._places(gone) if gone is not None else ()
+        self.surplus.sort()
 
     def has_room(self, known: int, descriptor: Halves) -> bool:
         """Return whether a stretch is kept that begins now at a place, with a descriptor (m,)."""
@@ -116,11 +117,6 @@ class Looks:
                 passed = max(bounds.span(there)[0], there - off)
                 return self._first(passed) if passed < place else place
         return place
-
-
-def surplus(reference_map: ReferenceMap, max_looks: int) -> list[int]:
-    """Return which places a map does without that keeps so many looks of each; 0 is no limit."""
-    return sorted(Looks(reference_map, max_looks).surplus)
 
 
 class PreloadedMap:

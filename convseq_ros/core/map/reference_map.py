@@ -157,11 +157,7 @@ class ReferenceMap:
 
     def cells(self, index: int) -> Cells:
         """Return the cells of a place, float32 of shape `cell_shape`."""
-        return self.cells_of([index])[0]
-
-    def cells_of(self, indices: Sequence[int]) -> list[Cells]:
-        """Return what `cells` does for several places, which are read in one go."""
-        return [unpack_cells(packed) for packed in self.packed_of(indices)]
+        return unpack_cells(self.packed(index))
 
     def packed_of(self, indices: Sequence[int]) -> list[Packed]:
         """Return the packed cells of several places, which are read in one go."""

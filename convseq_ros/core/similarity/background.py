@@ -11,6 +11,7 @@ of queries their own drive's, since the same scene looks otherwise at night.
 from collections.abc import Callable
 
 from convseq_ros.core.encoding.regions import Cells, Regions
+from convseq_ros.core.map.place import unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import constants
 import numpy as np
@@ -62,7 +63,8 @@ class Background:
         spread = np.linspace(0, count - 1, min(count, BACKGROUND.sample)).astype(int)
         sample, total, shown = np.unique(spread).tolist(), np.zeros(1, np.float32), 0
         for start in range(0, len(sample), _READ_AT_ONCE):
-            for cells in self._map.cells_of(sample[start : start + _READ_AT_ONCE]):
+            packed = self._map.packed_of(sample[start : start + _READ_AT_ONCE])
+            for cells in map(unpack_cells, packed):
                 if cells.any():
                     total, shown = total + self._project(self.normalize(cells)), shown + 1
         self.of_map = total / np.float32(shown) if shown else None
