@@ -29,6 +29,7 @@ from convseq_ros.core.map.place import pack_cells, Picture, Place, thumbnail, un
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.onnx_model import OnnxModel
+from convseq_ros.regular_file import complete_or_absent
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 import cv2
@@ -179,15 +180,13 @@ def _gray(street: Street, drive: Drive) -> list[npt.NDArray[np.uint8]]:
 
 
 def _write(path: Path, size: int, cells: Cells, thumbnails: list[bytes]) -> None:
-    part = path.with_suffix('.part')
-    part.unlink(missing_ok=True)
-    with MapWriter(part, EncodingConfig(), EVERY_FRAME) as writer:
-        for index, packed in enumerate(_laps(size, cells)):
-            place = Place(index * _SPACING_NS, f'{index:06d}.png')
-            picture = Picture(packed, thumbnails[index % len(thumbnails)])
-            writer.add(place, picture, global_descriptor(unpack_cells(packed)))
-    _say_linked(part, size)
-    part.rename(path)
+    with complete_or_absent(path) as part:
+        with MapWriter(part, EncodingConfig(), EVERY_FRAME) as writer:
+            for index, packed in enumerate(_laps(size, cells)):
+                place = Place(index * _SPACING_NS, f'{index:06d}.png')
+                picture = Picture(packed, thumbnails[index % len(thumbnails)])
+                writer.add(place, picture, global_descriptor(unpack_cells(packed)))
+        _say_linked(part, size)
 
 
 def _say_linked(path: Path, size: int) -> None:

@@ -10,6 +10,8 @@ from pathlib import Path
 import platform
 from typing import Any
 
+from convseq_ros.regular_file import complete_or_absent
+
 from bench.torture.attack import attacks, Outcome
 
 _MOST_PROBLEMS = 5
@@ -80,13 +82,8 @@ def _write(kept: dict[str, Any], docs: Path) -> None:
 
 
 def _replace(path: Path, text: str) -> None:
-    """Write a file in one step, and wait for the disk."""
-    part = path.with_name(f'{path.name}.part')
-    with part.open('w', encoding='utf-8') as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(part, path)
+    with complete_or_absent(path) as part:
+        part.write_text(text, encoding='utf-8')
 
 
 def _page(kept: Mapping[str, Any]) -> str:

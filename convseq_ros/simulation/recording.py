@@ -3,13 +3,12 @@
 """A drive as a ROS 2 recording."""
 
 from collections.abc import Iterable
-import os
 from pathlib import Path
-import tempfile
 from typing import Any
 
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import ConvseqError, pip_install
+from convseq_ros.regular_file import complete_or_absent
 from convseq_ros.simulation.drive import Shot
 import numpy as np
 
@@ -40,26 +39,23 @@ def write_recording(
         raise ConvseqError(f'{path}: exists already; remove it or choose another name')
     store = get_typestore(Stores.ROS2_JAZZY)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f'.{path.name}.', dir=path.parent) as folder:
-        unfinished = Path(folder) / path.name
-        with Writer(unfinished, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-            images = writer.add_connection(topic, _IMAGE, typestore=store)
-            others: dict[str, Any] = {}
-            for shot in frames:
-                data = store.serialize_cdr(_image_message(store.types, shot), _IMAGE)
-                writer.write(images, shot.stamp_ns, data)
-                said = [
-                    (name, _ODOMETRY, _odometry_message(store.types, shot, frame_id, pose))
-                    for name, frame_id, pose in _poses(shot, odom_topic)
-                ]
-                if info_topic and shot.camera:
-                    said.append((info_topic, _INFO, _info_message(store.types, shot, shot.camera)))
-                for name, kind_of, other in said:
-                    if name not in others:
-                        others[name] = writer.add_connection(name, kind_of, typestore=store)
-                    data = store.serialize_cdr(other, kind_of)
-                    writer.write(others[name], shot.stamp_ns, data)
-        os.replace(unfinished, path)
+    with (
+        complete_or_absent(path) as part,
+        Writer(part, version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+    ):
+        known = {topic: writer.add_connection(topic, _IMAGE, typestore=store)}
+        for shot in frames:
+            said = [(topic, _IMAGE, _image_message(store.types, shot))]
+            said += [
+                (name, _ODOMETRY, _odometry_message(store.types, shot, frame_id, pose))
+                for name, frame_id, pose in _poses(shot, odom_topic)
+            ]
+            if info_topic and shot.camera:
+                said.append((info_topic, _INFO, _info_message(store.types, shot, shot.camera)))
+            for name, kind, message in said:
+                if name not in known:
+                    known[name] = writer.add_connection(name, kind, typestore=store)
+                writer.write(known[name], shot.stamp_ns, store.serialize_cdr(message, kind))
 
 
 def _poses(shot: Shot, odom_topic: str) -> list[tuple[str, str, Pose]]:

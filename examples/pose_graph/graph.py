@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import json
 import math
-import os
 from pathlib import Path
 from typing import NamedTuple
 
 from convseq_ros.core.graph.pose_graph import agreeing
+from convseq_ros.regular_file import complete_or_absent
 import gtsam
 import numpy as np
 import numpy.typing as npt
@@ -235,17 +235,13 @@ def write_record(
     path: Path, odometry: Odometry, closures: Sequence[Closure], kept: Sequence[bool]
 ) -> None:
     """Write all odometry, all closures and what became of them; complete or not at all."""
-    part = path.with_name(path.name + '.part')
-    part.write_text(
-        json.dumps(
-            {
-                'odometry': [[stamp_ns, *pose] for stamp_ns, pose in odometry.measured],
-                'closures': [list(closure) for closure in closures],
-                'kept': list(kept),
-            }
-        )
-    )
-    os.replace(part, path)
+    told = {
+        'odometry': [[stamp_ns, *pose] for stamp_ns, pose in odometry.measured],
+        'closures': closures,
+        'kept': kept,
+    }
+    with complete_or_absent(path) as part:
+        part.write_text(json.dumps(told))
 
 
 def read_record(path: Path) -> tuple[list[tuple[int, Pose]], list[Closure], list[bool]]:
