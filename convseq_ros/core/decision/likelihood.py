@@ -119,7 +119,7 @@ class Likelihood:
 
     def learn(self, strength: float, is_own: bool) -> None:
         """Take in how strongly a match was verified, of a place of this drive or of another."""
-        new = math.log(max(strength, 1.0))
+        new = math.log(strength)
         usual = self._usual.setdefault(is_own, new)
         self._usual[is_own] += (new - usual) / RATIO.level_memory
 
@@ -154,7 +154,7 @@ class Likelihood:
 
         Places of this drive are compared with the `step` from the frame before.
         """
-        known = math.log(max(strength_of(step), 1.0)) if step else -math.inf
+        known = math.log(strength_of(step)) if step else -math.inf
         usual = np.where(is_own, known, self._usual.get(False, -math.inf))
         share = np.log(strengths) - usual - math.log(RATIO.share)
         return (RATIO.doubt * share).clip(RATIO.least, 0.0)
