@@ -54,7 +54,6 @@ class Matcher:
         matching: MatchingConfig,
         saliency_threshold: float,
         kept: int | None = None,
-        verifies: bool = False,
     ) -> None:
         fast, exact = chosen_kernels(matching)
         # What computes scores, and whether they are the definition's to 1e-6.
@@ -68,14 +67,12 @@ class Matcher:
         self._fast = self._exact = FeatureCache(reference_map, fast, own, threads, kept)
         if exact is not fast:
             self._exact = FeatureCache(reference_map, exact, own, threads, _KEPT_TO_RESCORE)
-        self._verifies = verifies and fast.regions_of is not None
         self._rough: FeatureCache | None = None
-        if self._verifies and fast.rough:
+        if fast.rough:
             most = kept and _ROUGH * kept
             self._rough = FeatureCache(reference_map, fast.rough, own, threads, most)
         # Without a reference to itself, so that a map that nobody has any more is freed at once.
-        read = partial(_arranged, self._fast, self._verifies)
-        self._kept_arranged = lru_cache(_KEPT_TO_VERIFY)(read)
+        self._kept_arranged = lru_cache(_KEPT_TO_VERIFY)(partial(_arranged, self._fast))
 
     def reset(self) -> None:
         self._background.reset()
@@ -91,14 +88,13 @@ class Matcher:
         if (fast := self._fast.pair.extract(*asked)) is None:
             return None
         exact = (lambda: fast) if self.exact else cache(partial(pair.extract, *asked))
-        if not self._verifies:
+        if not shown:
             return Features(fast, exact)
-        assert shown
         rough = self._rough and self._rough.pair.extract(*asked)
         return Features(fast, exact, arranged(shown[0]), rough)
 
     def arranged(self, index: int) -> Arranged | None:
-        """Return a reference as geometry reads it, if it shows something and geometry is asked."""
+        """Return a reference as geometry reads it; None if it shows nothing, or has no regions."""
         return self._kept_arranged(index)
 
     def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
@@ -136,7 +132,7 @@ class Matcher:
         return field(query.arranged, reference, shift)
 
     def verified(self, query: Features, indices: Sequence[int]) -> dict[int, Verification]:
-        """Return what geometry says of a query and some references; nothing if it is not asked."""
+        """Return what geometry says of a query and some references; nothing without regions."""
         if query.arranged is None:
             return {}
         shifts = self._fast.shifts(query.approximate, indices)
@@ -162,11 +158,9 @@ class Matcher:
             self._kept_arranged.cache_clear()
 
 
-def _arranged(features: FeatureCache, verifies: bool, index: int) -> Arranged | None:
+def _arranged(features: FeatureCache, index: int) -> Arranged | None:
     regions_of, (reference,) = features.pair.regions_of, features.of([index])
-    if not (verifies and regions_of) or reference is None:
-        return None
-    return arranged(regions_of(reference))
+    return arranged(regions_of(reference)) if regions_of and reference is not None else None
 
 
 class DescriptorMatcher(Matcher):
@@ -212,4 +206,4 @@ def make_matcher(reference_map: ReferenceMap, config: Config) -> Matcher:
         )
     kept = _KEPT if config.matching.search == 'shortlist' else None
     threshold = config.encoding.saliency_threshold
-    return Matcher(reference_map, config.matching, threshold, kept, verifies=True)
+    return Matcher(reference_map, config.matching, threshold, kept)

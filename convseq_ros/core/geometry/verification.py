@@ -46,7 +46,6 @@ class Verification:
     # 900 regions, unrelated images give 26 to 50, the same place 60 at night to 500 by day.
     strength: float
     upper: float  # what regions of the query's upper half add to it
-    left: float = 0.0  # the same of its left half
 
 
 NOTHING = Verification(0, 0.0, 0.0)
@@ -58,7 +57,7 @@ def verify(
     """Return what geometry says of a query and references of its size, by their common shifts."""
     starts = [_start(shift) for shift in shifts]
     judged = kernels_of(__package__).verified(query, references, starts).tolist()
-    return [Verification(int(inliers), *strengths) for inliers, *strengths in judged]
+    return [Verification(int(inliers), *strengths) for inliers, *strengths, _ in judged]
 
 
 def field(query: Arranged, reference: Arranged, shift: Shift) -> Doubles:

@@ -6,7 +6,6 @@ The rolling buffer of query frames, and their pair scores as far as they are kno
 How many of them are matched together (III-E, F), and what their diagonals along a map sum up to.
 """
 
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from statistics import fmean
@@ -50,55 +49,49 @@ class QueryBuffer:
     """
     Keeps the last frames, and scores each pair once; otherwise as for `sequence_scores`.
 
-    `pairs_scored` counts since the newest frame.
+    `frames` are newest first; `pairs_scored` counts since the newest one.
     """
 
     def __init__(self, matcher: Matcher, bounds: SessionBounds = ONE_SESSION) -> None:
         self._matcher, self.bounds, self.pairs_scored = matcher, bounds, 0
-        self._frames: deque[BufferedFrame] = deque()
+        self.frames: list[BufferedFrame] = []
 
     def __len__(self) -> int:
-        return len(self._frames)
+        return len(self.frames)
 
     @property
     def newest(self) -> BufferedFrame:
-        return self._frames[-1]
-
-    @property
-    def outward(self) -> list[BufferedFrame]:
-        """All frames, newest first."""
-        return list(reversed(self._frames))
+        return self.frames[0]
 
     @property
     def descriptors(self) -> list[Descriptor]:
         """What all frames show, newest first."""
-        return [one.descriptor for one in self.outward]
+        return [one.descriptor for one in self.frames]
 
     @property
     def row(self) -> Row | None:
         """Pair scores of the newest frame, (R,), NaN where there is none; None if it has none."""
-        return self._frames[-1].row if self._frames else None
+        return self.frames[0].row if self.frames else None
 
     @property
     def rows(self) -> list[Row | None]:
         """The same of all frames, newest first."""
-        return [one.row for one in self.outward]
+        return [one.row for one in self.frames]
 
     def reset(self) -> None:
-        self._frames.clear()
+        self.frames.clear()
 
     def append(self, descriptor: Descriptor, usable: int, most: int) -> None:
         """Add the newest frame, which may show so many references; keep so many frames at most."""
         features = self._matcher.extract(descriptor) if descriptor.informative else None
         row = None if features is None else np.full(usable, np.nan, np.float32)
-        before = self._frames[-1].features if self._frames else None
-        new = _novelty(features, before)
+        new = _novelty(features, self.frames[0].features if self.frames else None)
         self._keep(BufferedFrame(descriptor, features, row, novelty=new), most)
 
     def hold_places(self, missing: int, blank: Descriptor, most: int) -> None:
         """Let frames that never came keep the diagonals straight; begin anew after a long gap."""
         if missing > BUFFER.longest_gap:
-            self._frames.clear()
+            self.frames.clear()
             return
         for _ in range(missing):
             self._keep(BufferedFrame(blank), most)
@@ -154,7 +147,7 @@ class QueryBuffer:
     @property
     def verified_step(self) -> Verification | None:
         """What geometry says of the newest frame and the one before, if it is asked."""
-        features = [one.features for one in self.outward[:2]]
+        features = [one.features for one in self.frames[:2]]
         shown = [one.arranged for one in features if one and one.arranged]
         return verify(shown[0], shown[1:], [(0.0, 0.0)])[0] if len(shown) == 2 else None
 
@@ -164,7 +157,7 @@ class QueryBuffer:
         return self.newest.novelty
 
     def _keep(self, frame: BufferedFrame, most: int) -> None:
-        self._frames = deque((*self._frames, frame), most)
+        self.frames = [frame, *self.frames[: most - 1]]
         self.pairs_scored = 0
 
     def _diagonals(
@@ -172,7 +165,7 @@ class QueryBuffer:
     ) -> Iterator[tuple[BufferedFrame, Features, Row, Indices]]:
         """Yield each newest frame that shows something, with the references that it meets."""
         firsts, stops = self.bounds.spans(ends)
-        for step, one in enumerate(self.outward[:count]):
+        for step, one in enumerate(self.frames[:count]):
             if one.row is not None and one.features is not None:
                 met = ends - step
                 there = (met >= firsts) & (met < np.minimum(stops, len(one.row)))

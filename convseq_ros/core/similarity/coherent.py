@@ -44,7 +44,7 @@ class GLOBAL_SIMILARITY:
 
     block = REGION.span  # regions in a row that are summed up, which share cells
     most_shift: int = 4  # blocks to either side
-    unit: float = 2.0**17  # of a region's numbers; products of whole ones are exact
+    unit = 2.0**17  # of a region's numbers: sums of their products stay whole, below 2 ** 53
 
 
 def region_blocks(regions: Regions) -> Blocks:
@@ -122,24 +122,17 @@ class CoherentPair(PairScore):
     normalize: Callable[[Cells], Cells]
     project: Callable[..., Regions]
     subtract: Callable[[Regions, Regions | None], Shown]
+    # How a query, and a reference, by its regions (N, 32) and their blocks, are compared; and of
+    # each reference its `coherent_score` and, of a query's blocks, its similarity.
+    laid_out: Callable[[CoherentQuery], Any]
+    packed: Callable[[Regions, Blocks | None], Any]
+    scores: Callable[[Any, Wide | None, Sequence[Any]], Compared]
     step = 1  # of the rows and columns of regions, one of each is compared
 
     def __init__(self, name: str, exact: bool) -> None:
         self.name, self.exact = name, exact
         self.rough = copy(self)
         self.rough.step = COHERENT.rough_step
-
-    def laid_out(self, query: CoherentQuery) -> Any:
-        """Return a query as it is compared."""
-        raise NotImplementedError
-
-    def packed(self, regions: Regions, blocks: Blocks | None) -> Any:
-        """Return a reference as it is compared, from its regions (N, 32) and their blocks."""
-        raise NotImplementedError
-
-    def scores(self, query: Any, wide: Wide | None, references: Sequence[Any]) -> Compared:
-        """Return each reference's `coherent_score`, and, of a query's blocks, its similarity."""
-        raise NotImplementedError
 
     def extract(self, query: Descriptor, least_bits: float, shown: Shown | None) -> Any:
         own, blocks = shown or (self.project(query.cells, 1), None)
