@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """VLAD of local descriptors (Jegou et al. 2010; Arandjelovic and Zisserman 2013)."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -47,8 +46,3 @@ def vlad(rows: Rows, centres: Rows) -> Rows:
     sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12)
     rooted = np.sign(sums) * np.sqrt(np.abs(sums))
     return np.asarray((rooted / max(float(np.linalg.norm(rooted)), 1e-12)).ravel(), np.float32)
-
-
-def describer(images: Sequence[Rows]) -> Callable[[Rows], Rows]:
-    """Return what makes the vector of an image, by centres that are learnt of some images."""
-    return partial(vlad, centres=learnt_centres(images))

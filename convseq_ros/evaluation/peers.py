@@ -4,7 +4,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 import time
@@ -47,7 +47,7 @@ _PEERS = {
     ),
     'sift-vlad': _Peer(
         local_features.root_sift,
-        vlad.describer,
+        lambda images: partial(vlad.vlad, centres=vlad.learnt_centres(images)),
         lambda one, rows: rows @ one,
         lambda rows: rows[0].nbytes,
     ),

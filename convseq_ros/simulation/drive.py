@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A camera driven along a street or a route, with the truth of every frame."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 import math
@@ -69,7 +69,8 @@ class Drive:
         for name in ('start_m', 'num_frames', 'brightness', 'noise', 'seed'):
             if not getattr(self, name) >= 0:
                 raise ConvseqError(f'{name}: {getattr(self, name)} is negative')
-        for name, offset in (('lane_offset_m', self.lane_offset_m), *_named(self.lanes)):
+        offsets = ('lane_offset_m', self.lane_offset_m), *(('lanes', at) for _, at in self.lanes)
+        for name, offset in offsets:
             if not abs(offset) <= 3.0:
                 raise ConvseqError(f'{name}: {offset} is off the lanes; stay within -3 .. 3')
         if any(not a[0] < b[0] for a, b in pairwise(self.lanes)):
@@ -162,10 +163,6 @@ def draw(way: Way, drive: Drive) -> Iterator[Shot]:
 
 def _pose(x: float, y: float, yaw_rad: float) -> Pose:
     return Pose((x, y, 0.0), (0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)))
-
-
-def _named(lanes: Sequence[tuple[float, float]]) -> Iterator[tuple[str, float]]:
-    return (('lanes', offset) for _, offset in lanes)
 
 
 def _grain(drive: Drive, strength: float) -> Image:

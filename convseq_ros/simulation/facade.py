@@ -18,13 +18,14 @@ def word(rng: np.random.Generator, shortest: int, longest: int) -> str:
 def paint_window(
     sheet: Sheet,
     rng: np.random.Generator,
-    style: np.random.Generator,
+    style_seed: int,
     x: float,
     z: float,
     width: float,
     height: float,
 ) -> None:
-    """Paint one window; `style` is the same for all windows of a house."""
+    """Paint one window; `style_seed` is the same for all windows of a house."""
+    style = np.random.default_rng(style_seed)
     frame = any_colour(style, (0.0, 0.14), (0.25, 1.0))
     rim, sill, shutters, bars = style.uniform(size=4)
     surround = 0.06 + 0.14 * rim
@@ -125,8 +126,7 @@ def paint_ground_floor(
                 sheet.box(at, slat, size, 0.05, shade_of(paint, 0.65))
         else:
             size = rng.uniform(1.0, 1.8)
-            style = np.random.default_rng(style_seed)
-            paint_window(sheet, rng, style, at, 0.95, size, min(1.5, storey - 1.5))
+            paint_window(sheet, rng, style_seed, at, 0.95, size, min(1.5, storey - 1.5))
         at += size + rng.uniform(0.4, 1.4)
     for _ in range(rng.poisson(1.2)):
         at, ink = rng.uniform(0.0, width), any_colour(rng, (0.5, 1.0), (0.2, 0.9))
@@ -257,9 +257,8 @@ def paint_facade(rng: np.random.Generator, sheet: Sheet, floors: int, eaves: flo
         for column in range(count):
             if rng.uniform() < 0.06:
                 continue
-            style = np.random.default_rng(style_seed)
             at = (column + 0.5 - share / 2) * pitch
-            paint_window(sheet, rng, style, at, (floor + 0.28) * storey, share * pitch, tall)
+            paint_window(sheet, rng, style_seed, at, (floor + 0.28) * storey, share * pitch, tall)
             if rng.uniform() < 0.07:
                 rail = any_colour(rng, (0.0, 0.4), (0.1, 0.5))
                 base = floor * storey + 0.05
@@ -288,8 +287,7 @@ def paint_side(rng: np.random.Generator, sheet: Sheet) -> None:
         for storey in np.arange(1.0, sheet.height_m - 2.0, 3.0):
             for at in np.arange(0.8, sheet.width_m - 1.2, rng.uniform(2.0, 4.5)):
                 if rng.uniform() < 0.5:
-                    style = np.random.default_rng(style_seed)
-                    paint_window(sheet, rng, style, at, storey, 0.9, 1.3)
+                    paint_window(sheet, rng, style_seed, at, storey, 0.9, 1.3)
 
 
 def paint_block(rng: np.random.Generator, sheet: Sheet) -> None:

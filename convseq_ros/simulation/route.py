@@ -93,7 +93,8 @@ class Route:
         before = 0.0
         for index, (start, end) in enumerate(legs):
             yaw = _yaw(start, end)
-            turn = _turn(yaw, _yaw(*legs[index + 1])) if index + 1 < len(legs) else 0.0
+            ahead = _yaw(*legs[index + 1]) if index + 1 < len(legs) else yaw
+            turn = math.remainder(ahead - yaw, math.tau)  # to the left
             after = self.radius_m if turn else 0.0
             length = math.dist(start, end) - before - after
             if length < 0 or abs(turn) > 2:
@@ -113,8 +114,3 @@ class Route:
 
 def _yaw(start: Corner, end: Corner) -> float:
     return math.atan2(end[1] - start[1], end[0] - start[0])
-
-
-def _turn(before: float, after: float) -> float:
-    """Return by how much one turns to the left, -pi .. pi."""
-    return math.remainder(after - before, 2 * math.pi)

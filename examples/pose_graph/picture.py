@@ -7,18 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from comparison import aligned, error_m, Trial, true_path, Truth
+from convseq_ros.evaluation.plots import EDGE, new_figure, VERDICT_COLORS
 from graph import Closure, Odometry, Solution
 from matplotlib import rc_context
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 import numpy as np
 import numpy.typing as npt
 
 _PALE, _DIM, _LINES = '#e8eef4', '#9fb0c0', '#2c3a48'
 _TRUE, _BEFORE, _AFTER = '#c9d4de', '#f5a623', '#4ea8ff'
-_KEPT, _REJECTED = '#4ade80', '#ff6b6b'
+_KEPT, _REJECTED = VERDICT_COLORS['right'], VERDICT_COLORS['wrong']
 _STYLE = {
-    'figure.facecolor': '#0f1720', 'savefig.facecolor': '#0f1720', 'axes.facecolor': '#16212c',
+    'savefig.facecolor': EDGE, 'axes.facecolor': '#16212c',
     'text.color': _PALE, 'axes.labelcolor': _DIM, 'xtick.color': _DIM, 'ytick.color': _DIM,
     'axes.edgecolor': _LINES, 'grid.color': _LINES, 'axes.titlelocation': 'left',
     'axes.titlesize': 15, 'axes.labelsize': 12, 'legend.frameon': False, 'legend.fontsize': 12,
@@ -36,13 +35,12 @@ def draw_picture(
 ) -> None:
     """Write a PNG, 1600 x 900: both paths with the closures, beside the errors; `told` above."""
     with rc_context(_STYLE):
-        figure = Figure(figsize=(16, 9), dpi=100, layout='constrained')
-        FigureCanvasAgg(figure)
+        figure = new_figure(16, 9, EDGE)
+        figure.set_layout_engine('constrained', w_pad=0.15)
         figure.suptitle(
             f'Loop closures of vpr_node in a GTSAM pose graph, live over ROS topics\n{told}',
             size=15,
         )
-        figure.get_layout_engine().set(w_pad=0.15)
         panels = figure.subplot_mosaic([['before', 'cost'], ['after', 'cost']])
         real = true_path(solution, truth)
         before_m, after_m = error_m(solution, truth, before=True), error_m(solution, truth)
