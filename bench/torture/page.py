@@ -10,7 +10,7 @@ from pathlib import Path
 import platform
 from typing import Any
 
-from convseq_ros.regular_file import complete_or_absent
+from convseq_ros.evaluation.run_folder import write_text
 
 from bench.torture.attack import attacks, Outcome
 
@@ -77,13 +77,8 @@ def _read(docs: Path) -> dict[str, Any]:
 def _write(kept: dict[str, Any], docs: Path) -> None:
     known = attacks()
     kept['outcomes'] = {name: one for name, one in kept['outcomes'].items() if name in known}
-    _replace(docs / 'reliability.json', json.dumps(kept, indent=1, sort_keys=True) + '\n')
-    _replace(docs / 'RELIABILITY.md', _page(kept))
-
-
-def _replace(path: Path, text: str) -> None:
-    with complete_or_absent(path) as part:
-        part.write_text(text, encoding='utf-8')
+    write_text(docs / 'reliability.json', json.dumps(kept, indent=1, sort_keys=True) + '\n')
+    write_text(docs / 'RELIABILITY.md', _page(kept))
 
 
 def _page(kept: Mapping[str, Any]) -> str:
