@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-VERSION = 22  # of the kernels' arguments; native/cpu.c has the same
+VERSION = 23  # of the kernels' arguments; native/cpu.c has the same
 # Kinds of processors that there are kernels for, best first; the two architectures share none.
 VARIANTS = ('avx512', 'avxvnni', 'avx2', 'dotprod', 'neon')
 _FOLDER = Path(__file__).parent

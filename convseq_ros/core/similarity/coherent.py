@@ -149,7 +149,9 @@ class CoherentPair(PairScore):
         shown, blocks = self.subtract(self.project(cells, self.step), self.thinned(background))
         return self.packed(shown, blocks if self.step == 1 else None)
 
-    def compare(self, query: Any, references: Sequence[Any]) -> Scores:
+    def compare(
+        self, query: Any, references: Sequence[Any], _limit: float | None = None
+    ) -> Scores:
         packed, wide = query
         shares, shifts, alike = self.scores(packed, wide, references)
         return (shares if alike is None else shares * (0.5 + 0.5 * alike)), shifts

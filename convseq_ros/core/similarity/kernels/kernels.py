@@ -40,7 +40,7 @@ from convseq_ros.core.similarity.coherent import (
     Wide,
 )
 from convseq_ros.core.similarity.kernels.numpy_kernels import NORMALIZATION, WINDOWS
-from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
+from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown, spread, SURE
 from convseq_ros.core.types import Descriptor, Floats
 import numpy as np
 import numpy.typing as npt
@@ -71,7 +71,9 @@ _lateral_products = kernel(
 _of_coherent = (
     _WORDS, _WORDS, SIZE, SIZE, SIZE, _WORDS, _WORDS, array('f8'), _ADDRESSES, SIZE, array('f8'),
 )  # fmt: skip
-_of_regional = _WORDS, SIZE, SIZE, DOUBLE, _ADDRESSES, SIZE, _FLOATS
+_of_regional = (
+    _WORDS, SIZE, SIZE, DOUBLE, DOUBLE, DOUBLE, SIZE, _ADDRESSES, SIZE, _FLOATS,
+)  # fmt: skip
 # By bytes, and by floats.
 _COMPARE = [kernel('compare', each, *_of_coherent) for each in (_BYTES, _FLOATS)]
 _SCORE = [kernel('score', each, *_of_regional) for each in (_BYTES, _FLOATS)]
@@ -261,17 +263,20 @@ class _CompiledRegional(PairScore):
     ) -> tuple[Query, int] | None:
         if not query.informative:
             return None
-        salient = paper_regions(query.cells)[query.salient]
+        salient = spread(paper_regions(query.cells)[query.salient])
         return _laid_out(salient, self._scale, _PAPER_ORIGIN), len(salient)
 
     def prepare(self, cells: Cells, _background: object) -> Panel:
         return _in_blocks(paper_regions(cells), self._of_references, _PAPER_ORIGIN)
 
-    def compare(self, query: tuple[Query, int], references: Sequence[Panel]) -> Scores:
+    def compare(
+        self, query: tuple[Query, int], references: Sequence[Panel], limit: float | None = None
+    ) -> Scores:
         found, where = np.empty(len(references), np.float32), _addresses(references)
         (packed, count), columns = query, references[0].size // REGION.numbers
         scale = self._scale * self._of_references or 1.0
-        _SCORE[self.exact](*packed, count, columns, scale, where, len(references), found)
+        until = (0.0, 0.0, 0) if limit is None else (limit, SURE.errors, SURE.regions)
+        _SCORE[self.exact](*packed, count, columns, scale, *until, where, len(references), found)
         return found, None
 
 

@@ -23,7 +23,7 @@ from convseq_ros.core.similarity.coherent import (
     region_blocks,
     Wide,
 )
-from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
+from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown, spread, SURE
 from convseq_ros.core.types import constants, Descriptor, Doubles, Floats, Indices, Shift
 import cv2
 import numpy as np
@@ -160,6 +160,18 @@ def pair_scores(salient: Regions, references: Sequence[Regions]) -> Floats:
     return np.array(scores, np.float32)
 
 
+def score_beside(limit: float, salient: Regions, reference: Regions) -> float:
+    """Return `pair_scores` of as many regions (G, 32) as show on which side of a limit it is."""
+    found = np.zeros(0)
+    for first in range(0, len(salient), SURE.regions):
+        most = (salient[first : first + SURE.regions] @ reference.T).max(axis=1)
+        found = np.append(found, most)
+        variance = found.var() / len(found) * (1 - len(found) / len(salient))
+        if (found.mean() - limit) ** 2 > SURE.errors**2 * variance:
+            break
+    return min(float(found.mean()), 1.0)
+
+
 class _NumpyRegional(PairScore):
     name, exact = 'numpy', True
 
@@ -169,8 +181,13 @@ class _NumpyRegional(PairScore):
     def prepare(self, cells: Cells, _background: object) -> Regions:
         return paper_regions(cells)
 
-    def compare(self, query: Regions, references: Sequence[Regions]) -> Scores:
-        return pair_scores(query, references), None
+    def compare(
+        self, query: Regions, references: Sequence[Regions], limit: float | None = None
+    ) -> Scores:
+        if limit is None:
+            return pair_scores(query, references), None
+        told = [score_beside(limit, spread(query), one) for one in references]
+        return np.array(told, np.float32), None
 
 
 DEFINITIONS = {'coherent': _NumpyCoherent('numpy', True), 'regional': _NumpyRegional()}

@@ -2,15 +2,28 @@
 // SPDX-License-Identifier: Apache-2.0
 // The paper's pair score: of each salient region of a query the best similarity anywhere.
 
+// Return whether the mean of the first of `count` values is so many standard errors off a limit.
+static int is_sure(double total, double squares, double first, double count, double limit,
+                   double errors)
+{
+    double mean = total / first, off = mean - limit;
+    double variance = (squares / first - mean * mean) / first * (1 - first / count);
+    return off * off > errors * errors * variance;
+}
+
 // Write the scores of a query and each reference: by bytes, of this scale in all, if it is told
 // what the sums of the query's regions begin with, else by floats. No region has negative numbers,
-// so that floats are in order as whole numbers are.
+// so that floats are in order as whole numbers are. After each `look` regions it ends if it is
+// sure on which side of a limit the score lies; a look of 0 is none.
 KERNEL(score)(const void *query, const int32_t *start, intptr_t count, intptr_t all, double scale,
-              const void *const *references, intptr_t several, float *scores)
+              double limit, double errors, intptr_t look, const void *const *references,
+              intptr_t several, float *scores)
 {
     for (intptr_t one = 0; one < several; one++) {
-        double total = 0;
-        for (intptr_t first = 0; first < count; first += ROWS) {
+        double total = 0, squares = 0;
+        intptr_t seen = 0;
+        while (seen < count) {
+            intptr_t first = seen;
             Words best[ROWS] = {0};
             for (intptr_t place = 0; place < all * NUMBERS; place += COLUMNS * NUMBERS) {
                 Words sums[ROWS][2];
@@ -24,12 +37,17 @@ KERNEL(score)(const void *query, const int32_t *start, intptr_t count, intptr_t 
                 for (int row = 0; row < ROWS; row++)
                     best[row] = larger(best[row], larger(sums[row][0], sums[row][1]));
             }
-            for (int row = 0; row < ROWS && first + row < count; row++) {
+            for (int row = 0; row < ROWS && seen < count; row++, seen++) {
                 int32_t highest = largest(best[row]);
-                total += start ? highest : ((Floats)splat(highest))[0];
+                double similarity = start ? highest : ((Floats)splat(highest))[0];
+                total += similarity;
+                squares += similarity * similarity;
             }
+            if (look && seen % look == 0 && seen < count &&
+                is_sure(total, squares, (double)seen, (double)count, limit * scale, errors))
+                break;
         }
-        double score = total / ((double)count * scale);
+        double score = total / ((double)seen * scale);
         scores[one] = (float)(score < 1 ? score : 1);
     }
     return 0;
