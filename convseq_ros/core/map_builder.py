@@ -78,8 +78,6 @@ class MapBuilder:
 
     def process(self, frame: Frame) -> bool:
         """Take in the next frame; return whether it became a place. Unreadable ones never do."""
-        if frame.gray is None:
-            return False
         before = len(self.reference_map)
         self._recognizer.process(frame)
         self._autosave.save()
