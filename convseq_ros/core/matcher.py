@@ -3,7 +3,7 @@
 """The matcher: pair scores of queries with the references of a map (paper III-D)."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from typing import Any
 
@@ -17,7 +17,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.feature_cache import FeatureCache, Threads, usable_cores
 from convseq_ros.core.similarity.kernels import chosen_kernels
-from convseq_ros.core.types import Candidates, Descriptor, Indices, Row, Shift
+from convseq_ros.core.types import Descriptor, Indices, Row, Shift
 from convseq_ros.errors import ConfigError
 import numpy as np
 import numpy.typing as npt
@@ -119,11 +119,6 @@ class Matcher:
         """Return rows and columns, in cells, from the query to a reference, if known."""
         return self._fast.shifts(query.approximate, [index])[0]
 
-    def with_shift(self, query: Features, candidates: Candidates) -> Candidates:
-        """Return at least one candidate, the first of them with its shift, if that is known."""
-        shift = self.shift(query, candidates[0].reference_index)
-        return replace(candidates[0], shift=shift), *candidates[1:]
-
     def field(self, query: Features, index: int, shift: Shift) -> npt.NDArray[np.float64]:
         """Return where regions of a query lie in a reference, (n, 5), as `verification.field`."""
         reference = self.arranged(index)
@@ -184,9 +179,9 @@ class DescriptorMatcher(Matcher):
             found.append(np.maximum(rows @ query.approximate, 0.0))
         return found
 
-    def with_shift(self, _query: Features, candidates: Candidates) -> Candidates:
-        """Return the candidates: shifts are not known."""
-        return candidates
+    def shift(self, _query: Features, _index: int) -> Shift | None:
+        """Return None: it is not known."""
+        return None
 
     def arranged(self, _index: int) -> Arranged | None:
         """Return None: geometry is not asked."""

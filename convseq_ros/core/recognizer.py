@@ -180,15 +180,17 @@ class PlaceRecognizer:
 
     def _complete(self, match: Match, frame: Frame, features: Features) -> Match:
         """Return an answer complete; no match follows another sooner than `closure_interval_s`."""
-        match = replace(match, candidates=self.matcher.with_shift(features, match.candidates))
+        best, *others = match.candidates
+        best = replace(best, shift=self.matcher.shift(features, best.reference_index))
+        match = replace(match, candidates=(best, *others))
         if match.reason is not Reason.ACCEPTED:
             return match
         interval_ns = round(self.config.acceptance.closure_interval_s * 1e9)
         if self._accepted_ns is not None and frame.stamp_ns - self._accepted_ns < interval_ns:
             return replace(match, reason=Reason.COOL_DOWN)
         self._accepted_ns = frame.stamp_ns
-        pose, known = self._poses.measure(features, frame, match.candidates[0]), self.reference_map
-        place = known.places[known.links.anchor(match.candidates[0].reference_index)]
+        pose, known = self._poses.measure(features, frame, best), self.reference_map
+        place = known.places[known.links.anchor(best.reference_index)]
         anchor = Anchor(known.sessions[place.session].id, place.stamp_ns)
         return replace(match, status=Status.ACCEPTED, relative_pose=pose, anchor=anchor)
 

@@ -12,7 +12,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.query_buffer import sequence_scores
-from convseq_ros.core.types import Candidates, Descriptor, Indices, Match, Row
+from convseq_ros.core.types import Descriptor, Indices, Match, Row, Shift
 from convseq_ros.evaluation.material import Drive
 from convseq_ros.evaluation.recognition import Scores, with_known
 import numpy as np
@@ -54,9 +54,9 @@ class GivenScores(Matcher):
     def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Scores]:
         return [query.approximate[indices] for query, indices in asked]
 
-    def with_shift(self, _query: Features, candidates: Candidates) -> Candidates:
-        """Return the candidates: no shift is given."""
-        return candidates
+    def shift(self, _query: Features, _index: int) -> Shift | None:
+        """Return None: it is not given."""
+        return None
 
 
 def answers_to(
