@@ -146,7 +146,7 @@ def _linked_or_not(path: Path, commits: list[int], acknowledged: int) -> None:
     if len(open_map(path).links):
         assert acknowledged < 0 and len(open_map(path).links) == len(drawn(commits[0]).links)
     unlink(path)
-    assert not open_map(path).links.known
+    assert not open_map(path).links.looked_up_count
     _nothing_beside(path)
 
 

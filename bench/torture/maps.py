@@ -49,8 +49,8 @@ def holds(path: Path, drive: int = 0) -> int:
         assert (place.stamp_ns, place.source) == (index, f'drive {drive}'), index
         assert (opened.packed(index) == cells(index, drive)).all(), index
         assert opened.thumbnail(index) == b'%d' % index, index
-    # Who is killed may have noted a place, and not yet its link.
-    assert not opened.problem and opened.links.known >= len(opened) - 1, opened.links.known
+    # A program that was killed may have stored a place, and not yet its link.
+    assert not opened.problem and opened.links.looked_up_count >= len(opened) - 1, len(opened)
     assert links_hold(opened)
     return len(opened)
 

@@ -110,7 +110,7 @@ def not_linked(whole: ReferenceMap) -> list[range]:
     if not whole.encoding.keeps_cells:
         return []
     ends = pairwise([*whole.bounds.starts.tolist(), len(whole)])
-    return [range(*of) for of in ends if not all(map(whole.links.knows, range(*of)))]
+    return [range(*of) for of in ends if not all(map(whole.links.is_looked_up, range(*of)))]
 
 
 def link_map(

@@ -74,7 +74,7 @@ class Autosave(NoAutosave):
             super().__init__(self._writer.reader.reference_map())
             self._file = path.stat().st_ino
             self.committed = self._writer.committed
-            self._writer.linked = self.reference_map.links.known
+            self._writer.linked = self.reference_map.links.looked_up_count
             self._writer.write_ahead()
             self._opened = opened.pop_all()
         self._writing = Lock()

@@ -40,8 +40,8 @@ def part_of(whole: ReferenceMap, first: int, last: int) -> ReferenceMap:
     """Return a map of the references from `first` to before `last`, and their links."""
     part = ReferenceMap(whole.encoding, keyframes=whole.keyframes, sessions=whole.sessions)
     for index in range(first, last):
-        known = whole.global_descriptors[index] if whole.encoding.descriptor_model else None
-        part.add(whole.places[index], whole.packed(index), known_descriptor=known)
+        vector = whole.global_descriptors[index] if whole.encoding.descriptor_model else None
+        part.add(whole.places[index], whole.packed(index), descriptor=vector)
     carry_links([(whole, index) for index in range(first, last)], part.links)
     return part
 

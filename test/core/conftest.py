@@ -57,7 +57,7 @@ def a_map() -> Callable[..., ReferenceMap]:
                 stamp_ns = len(made) * SECOND_NS
                 nothing = np.zeros(made.global_descriptors.shape[1])
                 place = Place(stamp_ns, pose=pose, session=number)
-                made.add(place, cells, known_descriptor=nothing)
+                made.add(place, cells, descriptor=nothing)
         return made
 
     return make

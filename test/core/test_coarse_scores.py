@@ -78,7 +78,7 @@ def test_a_session_is_seen_from_what_it_usually_shows(described):
     for place, one in enumerate([*town, *park]):
         if place == len(town):
             made.begin_session(place)
-        made.add(Place(place, session=place >= len(town)), packed, known_descriptor=one)
+        made.add(Place(place, session=place >= len(town)), packed, descriptor=one)
     coarse = CoarseScores(made)
     coarse.update(described(3))
     direction = (park[7] - park.mean(axis=0)).astype(np.float32)

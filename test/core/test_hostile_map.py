@@ -10,7 +10,7 @@ import time
 
 from convseq_ros.core.map import crash_recovery
 from convseq_ros.core.map import database as limits
-from convseq_ros.core.map.crash_recovery import _sums
+from convseq_ros.core.map.crash_recovery import _checksum
 from convseq_ros.core.map.database import Database, explained
 from convseq_ros.core.map.edit import unlink
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
@@ -349,7 +349,7 @@ def test_a_flipped_bit_of_what_was_committed_is_told(ended, tmp_path, at, open_i
 def test_a_size_of_pages_that_cannot_be_is_told(ended, tmp_path, size):
     def declare(data):
         data[8:12] = size.to_bytes(4, 'big')
-        sums = _sums(bytes(data[:24]), '<>'[data[3] & 1], np.zeros(2, np.uint32))
+        sums = _checksum(bytes(data[:24]), '<>'[data[3] & 1], np.zeros(2, np.uint32))
         data[24:32] = sums.astype('>u4').tobytes()
 
     with pytest.raises(MapError, match='damaged at byte 0'):

@@ -122,7 +122,7 @@ def test_links_keep_all_that_a_back_end_asks_for_through_a_file(path):
     opened = open_map(path)
     assert [*map(told, opened.links.each())] == [*map(told, whole.links.each())]
     assert opened.links.details(36) is opened.links.details(10) is None
-    assert not opened.problem and opened.links.known == 4
+    assert not opened.problem and opened.links.looked_up_count == 4
 
 
 def test_a_link_whose_other_place_goes_leads_past_it(path):
@@ -338,7 +338,7 @@ def test_a_map_that_was_built_has_the_places_and_links_of_one_grown_online(tmp_p
     for other in (grown, bare):
         assert [*other.places] == [*built.places]
         assert all((other.packed(at) == built.packed(at)).all() for at in range(len(built)))
-    assert not bare.is_linked and not bare.links.known
+    assert not bare.is_linked and not bare.links.looked_up_count
 
 
 def test_stamps_that_jump_back_make_no_other_places(image):

@@ -5,7 +5,7 @@
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, make_config
 from convseq_ros.core.map.edit import bound
-from convseq_ros.core.map.online import known_as, LOOK, Looks
+from convseq_ros.core.map.online import LOOK, Looks, recognised_place
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -159,8 +159,8 @@ def test_a_removal_that_fails_leaves_the_map_as_it_is(path, monkeypatch):
 )
 def test_known_is_what_was_accepted_however_low_its_confidence(status, reason, known):
     best = (Candidate(7, 1, 0.25),)
-    assert known_as(Match(3, 1, status, reason, best, 2, confidence=0.5)) == known
-    assert known_as(None) is None
+    assert recognised_place(Match(3, 1, status, reason, best, 2, confidence=0.5)) == known
+    assert recognised_place(None) is None
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Links between looks of one place: which earlier place shows what a place shows."""
+"""Links between places of a map that show the same scene: looks of one place."""
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
@@ -16,33 +16,33 @@ import numpy as np
 
 @constants
 class LINKS:
-    """Of looks of one place (belief.md, section 5)."""
+    """Constants of the looks of a place."""
 
-    reach: int = 8  # places between two anchors whose looks show one place; 2 leave gaps
-    beside: int = 8  # places of a drive within which they follow one another, and are no looks
+    reach: int = 8  # places between two anchors that still count as one place; 2 leave gaps
+    beside: int = 8  # places of a drive that are only neighbours, not looks of one place
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Link:
-    """A place, and an earlier one of the map that it was recognised as."""
+    """A place, and the earlier place of the map that it was recognised as."""
 
     place: int
     other: int
     anchor: int  # the first look of both
-    confidence: float | None = None  # probability in [0, 1] that they show the same, if known
-    inliers: int | None = None  # regions that moved alike, if verified
-    relative: RelativePose | None = None  # of the base at the place, against the other's
+    confidence: float | None = None  # probability in [0, 1] that they show the same scene
+    inliers: int | None = None  # regions that moved consistently, if verified
+    relative: RelativePose | None = None  # of the robot's base at the place, against the other's
 
 
-Row = tuple[int, Link | None]  # a place, and its link; None if no earlier place shows the same
+Row = tuple[int, Link | None]  # a place and its link; None if it was looked up without a result
 
 
 class SessionBounds:
     """
-    The bounds of a map's sessions, which lie one after another; at first one that begins at 0.
+    Where the sessions of a map begin and end; at first there is one session, from place 0.
 
-    Places of different sessions are not near each other, whatever their numbers. One thread may
-    begin sessions while others ask.
+    Places of different sessions are never neighbours, even if their indices are. One thread may
+    begin sessions while other threads read.
     """
 
     def __init__(self, starts: tuple[int, ...] = ()) -> None:
@@ -51,91 +51,91 @@ class SessionBounds:
             self.begin(start)
 
     def begin(self, start: int) -> None:
-        """Have a session begin at a place that comes after all sessions so far."""
+        """Begin a session at a place; do nothing unless it is after the last session's start."""
         if start > self._starts[-1]:
             self._starts.append(start)
             self.starts = np.array(self._starts, np.int64)
 
     def span(self, index: int) -> tuple[int, int]:
-        """Return the first place of a place's session, and the next one's; the last has no end."""
+        """Return the first place of a place's session and of the next; the last has no end."""
         after = bisect_right(self._starts, index)
         end = self._starts[after] if after < len(self._starts) else sys.maxsize
         return self._starts[after - 1], end
 
     def spans(self, indices: Indices) -> tuple[Indices, Indices] | tuple[int, int]:
-        """Return the same of places (n,)."""
+        """Return what `span` does for places (n,)."""
         if len(self._starts) == 1:
             return 0, sys.maxsize
         after = np.searchsorted(self.starts, indices, 'right')
         return self.starts[after - 1], np.append(self.starts, sys.maxsize)[after]
 
     def around(self, index: int, distance: int) -> range:
-        """Return the places of the same session within a distance, and perhaps beyond the map."""
+        """Return the places of a session within a distance of one; may run beyond the map."""
         first, end = self.span(index)
         return range(max(first, index - distance), min(end, index + distance + 1))
 
     def near(self, indices: Indices, index: int, distance: int) -> Flags:
-        """Return which of some places (n,) are of the same session, within a distance."""
-        there = self.around(index, distance)
-        return (indices >= there.start) & (indices < there.stop)
+        """Return which places (n,) are of the same session as one, within a distance."""
+        neighbours = self.around(index, distance)
+        return (indices >= neighbours.start) & (indices < neighbours.stop)
 
     def nearness(self, indices: Indices, others: Indices, distance: int) -> Flags:
-        """Return the same of some places (n,) for each of others (m,), as (m, n)."""
-        apart = abs(indices - others[:, None])
-        first, end = (np.broadcast_to(one, others.shape)[:, None] for one in self.spans(others))
+        """Return what `near` does for places (n,) and each of `others` (m,), as (m, n)."""
+        apart, bounds = abs(indices - others[:, None]), self.spans(others)
+        first, end = (np.broadcast_to(bound, others.shape)[:, None] for bound in bounds)
         return (apart <= distance) & (indices >= first) & (indices < end)
 
 
 class Links:
     """
-    Of the places of a map by their indices; some threads may add while others read.
+    The links of a map's places, by index; threads may add links while others read.
 
-    A place that shows what an earlier one shows takes over that one's anchor, the first look. Of
-    other places it may be known that nothing earlier shows the same. `around` returns the places
-    of a place's session within a distance.
+    A place with a link shares the anchor of the earlier place: the first look of both. A place
+    without a link may be marked as looked up: no earlier place shows the same scene. `around`
+    returns the places of a place's session within a distance, as `SessionBounds.around` does.
     """
 
     def __init__(self, around: Callable[[int, int], range]) -> None:
         self._around, self._adding = around, Lock()
-        self._anchors = dict[int, int]()  # of the places that were looked up
-        self._followers = dict[int, list[int]]()  # by their anchor
-        self._links = dict[int, Link]()  # as they were added, with the anchors of that time
-        self._noted: list[int] = []  # places, as they came
+        self._anchors = dict[int, int]()  # by place that was looked up
+        self._followers = dict[int, list[int]]()  # places by their anchor
+        self._links = dict[int, Link]()  # by place; an anchor may have changed since
+        self._recorded: list[int] = []  # places that were looked up, in the order of recording
 
     def __len__(self) -> int:
         return len(self._links)
 
     def __iter__(self) -> Iterator[tuple[int, int]]:
-        """Yield linked places, in their order, and the anchor of each."""
+        """Yield linked places with their anchors, by ascending place."""
         return ((place, self.anchor(place)) for place in sorted([*self._links]))
 
     def each(self) -> Iterator[Link]:
-        """Yield the links, by their places."""
+        """Yield the links by ascending place."""
         return (replace(self._links[place], anchor=anchor) for place, anchor in self)
 
     def details(self, place: int) -> Link | None:
-        """Return the link of a place, if it has one."""
+        """Return the link of a place with its anchor of now; None without a link."""
         link = self._links.get(place)
         return link and replace(link, anchor=self.anchor(place))
 
     def anchor(self, index: int) -> int:
-        """Return the first look of a place: itself, if it is not linked."""
+        """Return the first look of a place: the place itself if it is not linked."""
         return self._anchors.get(index, index)
 
     def looks(self, index: int) -> tuple[int, ...]:
-        """Return the other places that show what a place shows, but for those beside it."""
+        """Return the other places that show the same as a place, without its neighbours."""
         if not self._links:
             return ()
-        found, beside = list[int](), self._around(index, LINKS.beside)
+        looks, beside = list[int](), self._around(index, LINKS.beside)
         for near in self._around(self.anchor(index), LINKS.reach):
             if near in self._followers:
-                found += (near, *self._followers[near])
+                looks += (near, *self._followers[near])
             elif self.anchor(near) == near:
-                found.append(near)
-        return tuple(sorted(one for one in found if one not in beside))
+                looks.append(near)
+        return tuple(sorted(look for look in looks if look not in beside))
 
     def followers(self, anchor: int) -> tuple[int, ...]:
-        """Return the places whose anchor a place is, but for itself."""
+        """Return the other places whose anchor is a place."""
         return (*self._followers.get(anchor, ()),)
 
     def add(
@@ -148,9 +148,9 @@ class Links:
         anchor: int | None = None,
     ) -> None:
         """
-        Note that a place shows what an earlier one shows; a link that is there stays.
+        Link a place to an earlier one that shows the same scene; a place keeps its first link.
 
-        An `anchor` is known beforehand where links come without those of the other place.
+        An `anchor` is given if the links of the other place are not added before.
         """
         if not 0 <= other < place:
             raise ValueError(f'place {place} cannot be a look of place {other}, not before it')
@@ -161,36 +161,36 @@ class Links:
             moved = [place, *self._followers.get(place, ())]
             self._followers.setdefault(anchor, []).extend(moved)
             self._links[place] = Link(place, other, anchor, confidence, inliers, relative)
-            for one in moved:
-                self._anchors[one] = anchor
+            for follower in moved:
+                self._anchors[follower] = anchor
             self._followers.pop(place, None)
-            self._noted.append(place)
+            self._recorded.append(place)
 
     def add_first(self, place: int) -> None:
-        """Note that nothing earlier shows what a place shows, unless it is known better."""
+        """Mark a place as looked up without a result, unless it is looked up already."""
         with self._adding:
             if place not in self._anchors:
                 self._anchors[place] = place
-                self._noted.append(place)
+                self._recorded.append(place)
 
-    def knows(self, place: int) -> bool:
-        """Return whether it was looked up if an earlier place shows the same."""
+    def is_looked_up(self, place: int) -> bool:
+        """Return whether a place was looked up among the earlier places."""
         return place in self._anchors
 
     @property
-    def known(self) -> int:
-        """Places that were looked up."""
+    def looked_up_count(self) -> int:
+        """Number of places that were looked up."""
         return len(self._anchors)
 
     def since(self, row: int, end: int) -> list[Row]:
-        """Return what was noted from a row on, up to the first of a place from `end` on."""
-        noted = takewhile(lambda place: place < end, self._noted[row:])
-        return [(place, self.details(place)) for place in noted]
+        """Return the records from a row on, up to the first whose place is not before `end`."""
+        recorded = takewhile(lambda place: place < end, self._recorded[row:])
+        return [(place, self.details(place)) for place in recorded]
 
 
 def beyond(link: Link, onward: Link) -> Link:
-    """Return the link of a place to what the other one is linked to, past the other one."""
-    known = [one.confidence for one in (link, onward) if one.confidence is not None]
+    """Return a link that skips a place: from a link to that place and its link onward."""
+    confidences = [one.confidence for one in (link, onward) if one.confidence is not None]
     inliers = [one.inliers for one in (link, onward) if one.inliers is not None]
     relative = None
     if link.relative and onward.relative:
@@ -198,21 +198,21 @@ def beyond(link: Link, onward: Link) -> Link:
     return replace(
         link,
         other=onward.other,
-        confidence=min(known, default=None),
+        confidence=min(confidences, default=None),
         inliers=min(inliers, default=None),
         relative=relative,
     )
 
 
-def _composed(one: RelativePose, onward: RelativePose) -> RelativePose | None:
-    """Return a pose against the reference of that against which it is; None without a scale."""
-    if not (one.pose and onward.pose):
+def _composed(first: RelativePose, onward: RelativePose) -> RelativePose | None:
+    """Return the composition of two relative poses in a row; None if one has no scale."""
+    if not (first.pose and onward.pose):
         return None
-    near, far = matrix(one.pose), matrix(onward.pose)
-    covariance = composed_covariance(far, onward.covariance, near, one.covariance)
+    near, far = matrix(first.pose), matrix(onward.pose)
+    covariance = composed_covariance(far, onward.covariance, near, first.covariance)
     pose, length_m = pose_of(far @ near), float(np.linalg.norm((far @ near)[:3, 3]))
     x, y, z = pose.position
     direction = (x / length_m, y / length_m, z / length_m) if length_m else None
-    inliers = min(one.inliers, onward.inliers)
-    sound = one.explains and onward.explains
-    return RelativePose(pose.orientation, pose.position, direction, covariance, inliers, sound)
+    inliers = min(first.inliers, onward.inliers)
+    explains = first.explains and onward.explains
+    return RelativePose(pose.orientation, pose.position, direction, covariance, inliers, explains)

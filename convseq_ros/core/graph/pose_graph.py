@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The graph of a map's poses: steps of odometry and links as edges, as a g2o file, and solved."""
+"""The pose graph of a map: odometry and links as edges; written as a g2o file, or optimised."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,40 +18,40 @@ Poses = Mapping[int, Matrix]  # (4, 4), by the index of a place
 
 @constants
 class GRAPH:
-    """Engineering, not studied."""
+    """Standard deviations and limits; chosen by experience, not tuned."""
 
-    least_m: float = 0.02  # standard deviation of a step of odometry, ...
-    of_way: float = 0.05  # ... of its way, ...
+    least_m: float = 0.02  # standard deviation of an odometry step: constant part, ...
+    of_way: float = 0.05  # ... and share of the distance
     least_rad: float = 0.01
-    of_turn: float = 0.05  # ... and of its turn
-    finest_m: float = 0.1  # that a link has at least: neighbours see the same map alike
+    of_turn: float = 0.05  # share of the turn
+    finest_m: float = 0.1  # added to each link, as errors of neighbouring links are correlated
     finest_rad: float = 0.02
     held: float = 1e-4  # standard deviation of the first pose, metres and radians
-    near_m: float = 3.0  # within which two links agree on where a session lies
-    tried: int = 60  # links of two sessions by which that is guessed
+    near_m: float = 3.0  # distance within which two links agree on where a session lies
+    tried: int = 60  # links that are tried to align a session
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Edge:
-    """Where one place lies in another's frame, and the covariance of that."""
+    """The pose of one place relative to another, with its covariance."""
 
     start: int
     end: int
-    moved: Matrix  # (4, 4)
+    moved: Matrix  # (4, 4), pose of the end in the start's frame
     covariance: Matrix  # (6, 6), of x, y, z in metres and turns about them, in the end's axes
     is_link: bool
 
 
 def edges_of(poses: Poses, session: Sequence[int], links: Iterable[Link]) -> Iterator[Edge]:
-    """Yield steps of odometry between posed places of a session, then links known in metres."""
-    for one, two in pairwise(poses):
-        if session[one] == session[two]:
-            moved = inverse(poses[one]) @ poses[two]
+    """Yield odometry steps between successive poses of a session, then links with a position."""
+    for start, end in pairwise(poses):
+        if session[start] == session[end]:
+            moved = inverse(poses[start]) @ poses[end]
             way_m, turn_rad = float(np.linalg.norm(moved[:3, 3])), angle(moved[:3, :3])
             sigma_m = GRAPH.least_m + GRAPH.of_way * way_m
             sigma_rad = GRAPH.least_rad + GRAPH.of_turn * turn_rad
             sigmas = np.array([sigma_m] * 3 + [sigma_rad] * 3)
-            yield Edge(one, two, moved, np.diag(sigmas**2), False)
+            yield Edge(start, end, moved, np.diag(sigmas**2), False)
     floor = np.diag([GRAPH.finest_m**2] * 3 + [GRAPH.finest_rad**2] * 3)
     for link in links:
         relative = link.relative
@@ -63,7 +63,7 @@ def edges_of(poses: Poses, session: Sequence[int], links: Iterable[Link]) -> Ite
 
 
 def g2o(poses: Poses, edges: Iterable[Edge]) -> Iterator[str]:
-    """Yield the lines of a g2o file: a vertex for each place by its index, and the edges."""
+    """Yield the lines of a g2o file: a vertex for each place, by index, then the edges."""
     for index, pose in poses.items():
         yield f'VERTEX_SE3:QUAT {index} {_numbers(pose)}'
     for edge in edges:
@@ -80,42 +80,42 @@ def _numbers(moved: Matrix) -> str:
 def brought_together(
     poses: Poses, session: Sequence[int], edges: Iterable[Edge]
 ) -> dict[int, Matrix]:
-    """Return poses of linked sessions in the first one's frame; each moves as most links agree."""
+    """Return the poses of linked sessions in the frame of the first; links vote on each motion."""
     links = [edge for edge in edges if edge.is_link]
     if not links:
         return {}
     moves = {min(session[end] for edge in links for end in (edge.start, edge.end)): np.eye(4)}
     while True:
-        # Of sessions that have no place yet: where a pose should be, and where it is.
-        asked = dict[int, list[tuple[Matrix, Matrix]]]()
+        # By session that has no motion yet: (goal, pose) of its places with a link to one moved.
+        pairs = dict[int, list[tuple[Matrix, Matrix]]]()
         for edge in links:
             forth = edge.start, edge.end, edge.moved
-            for known, new, moved in (forth, (edge.end, edge.start, inverse(edge.moved))):
-                if session[known] in moves and session[new] not in moves:
-                    goal = moves[session[known]] @ poses[known] @ moved
-                    asked.setdefault(session[new], []).append((goal, poses[new]))
-        if not asked:
+            for fixed, new, moved in (forth, (edge.end, edge.start, inverse(edge.moved))):
+                if session[fixed] in moves and session[new] not in moves:
+                    goal = moves[session[fixed]] @ poses[fixed] @ moved
+                    pairs.setdefault(session[new], []).append((goal, poses[new]))
+        if not pairs:
             break
-        best = max(asked, key=lambda one: len(asked[one]))
-        moves[best] = _agreed(asked[best])
+        best = max(pairs, key=lambda number: len(pairs[number]))
+        moves[best] = _agreed(pairs[best])
     return {at: moves[session[at]] @ pose for at, pose in poses.items() if session[at] in moves}
 
 
-def _agreed(asked: Sequence[tuple[Matrix, Matrix]]) -> Matrix:
-    """Return the motion that brings most poses, the second ones, to where they should be."""
-    goals = np.array([goal[:3, 3] for goal, _ in asked])
-    here = np.array([own[:3, 3] for _, own in asked])
+def _agreed(pairs: Sequence[tuple[Matrix, Matrix]]) -> Matrix:
+    """Return the motion that brings most poses to their goals; `pairs` are (goal, pose)."""
+    goals = np.array([goal[:3, 3] for goal, _ in pairs])
+    positions = np.array([pose[:3, 3] for _, pose in pairs])
     best, most = np.eye(4), -1
-    for goal, own in asked[:: max(1, len(asked) // GRAPH.tried)]:
-        move = goal @ inverse(own)
-        off_m = np.linalg.norm(here @ move[:3, :3].T + move[:3, 3] - goals, axis=1)
-        if (count := int((off_m <= GRAPH.near_m).sum())) > most:
+    for goal, pose in pairs[:: max(1, len(pairs) // GRAPH.tried)]:
+        move = goal @ inverse(pose)
+        errors_m = np.linalg.norm(positions @ move[:3, :3].T + move[:3, 3] - goals, axis=1)
+        if (count := int((errors_m <= GRAPH.near_m).sum())) > most:
             best, most = move, count
     return best
 
 
 def solved(edges: Iterable[Edge], start: Poses) -> dict[int, Matrix]:
-    """Return poses that agree best with odometry and links, of which wrong ones do not count."""
+    """Return the optimised poses, by odometry and links; wrong links are ignored."""
     gtsam = _gtsam()
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     for index, pose in start.items():
@@ -123,25 +123,25 @@ def solved(edges: Iterable[Edge], start: Poses) -> dict[int, Matrix]:
     first = min(start)
     held = gtsam.noiseModel.Isotropic.Sigma(6, GRAPH.held)
     graph.add(gtsam.PriorFactorPose3(first, gtsam.Pose3(start[first]), held))
-    known = [edge for edge in edges if edge.start in start and edge.end in start]
-    for edge in sorted(known, key=lambda edge: edge.is_link):
-        turns_first = np.roll(edge.covariance, (3, 3), (0, 1))
+    usable = [edge for edge in edges if edge.start in start and edge.end in start]
+    for edge in sorted(usable, key=lambda edge: edge.is_link):
+        turns_first = np.roll(edge.covariance, (3, 3), (0, 1))  # GTSAM's order
         noise = gtsam.noiseModel.Gaussian.Covariance(turns_first)
         moved = gtsam.Pose3(edge.moved)
         graph.add(gtsam.BetweenFactorPose3(edge.start, edge.end, moved, noise))
-    found, _ = agreeing(graph, values, graph.size() - sum(edge.is_link for edge in known))
-    return {index: np.asarray(found.atPose3(index).matrix()) for index in start}
+    result, _ = agreeing(graph, values, graph.size() - sum(edge.is_link for edge in usable))
+    return {index: np.asarray(result.atPose3(index).matrix()) for index in start}
 
 
 def agreeing(graph: Any, start: Any, believed: int, share: float = 0.99) -> tuple[Any, list[bool]]:
     """
-    Return the values that agree best with a graph of GTSAM, and which factors they agree with.
+    Return the optimised values of a GTSAM graph, and which further factors they agree with.
 
-    The first `believed` are right; others count if a `share` of the right ones would agree as
-    badly, by graduated non-convexity (Yang, Antonante, Tzoumas and Carlone, RA-L 2020).
+    The first `believed` factors are trusted. A further one counts if its error is below the
+    `share` quantile of a right factor's error, by graduated non-convexity (Yang, RA-L 2020).
     """
     gtsam = _gtsam()
-    # The first step of the method; where all agree, it is the last one.
+    # The least squares start of the method; it is the result if all factors are trusted.
     start = gtsam.LevenbergMarquardtOptimizer(graph, start).optimize()
     if graph.size() == believed:
         return start, []
@@ -150,8 +150,8 @@ def agreeing(graph: Any, start: Any, believed: int, share: float = 0.99) -> tupl
     settings.setKnownInliers([*range(believed)])
     optimizer = gtsam.GncLMOptimizer(graph, start, settings)
     optimizer.setInlierCostThresholdsAtProbability(share)
-    found = optimizer.optimize()
-    return found, [bool(weight > 0.5) for weight in optimizer.getWeights()[believed:]]
+    result = optimizer.optimize()
+    return result, [bool(weight > 0.5) for weight in optimizer.getWeights()[believed:]]
 
 
 def _gtsam() -> Any:

@@ -1,11 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Opening a map file, whatever a crash, a stranger or another program left beside it.
+Opening a map file, also if a crash or another program left a journal or a log beside it.
 
-SQLite reads a log up to the first page that fails its checksum, and passes over the rest without
-a word: so it must, for a power cut may leave half a commit. What is damaged later is told apart
-here: one flipped bit explains the checksum, or further commits follow, and each is made after the
+SQLite reads a log up to the first page that fails its checksum and ignores the rest, because a
+power cut may leave half a commit. This module distinguishes damage from half a commit: one
+flipped bit explains the checksum, or further commits follow, and a commit is only made after the
 one before is safe. The log's format is that of https://sqlite.org/fileformat2.html, section 4.
 """
 
@@ -26,24 +26,24 @@ import numpy as np
 import numpy.typing as npt
 
 _JOURNAL, _LOG = '-journal', '-wal'  # of SQLite, beside the file
-# Of a reader who may not write beside the file, where what is shared of a log has its place.
+# Errors of a reader that may not write to the folder, where SQLite keeps a log's shared memory.
 _NOT_SHARED = sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY
-_TRIES = 5  # to read what a crash left behind while another program mends it
-# The end of a journal that names further files, which SQLite would delete.
+_TRIES = 5  # to read a file after a crash, while another program may repair it
+# The end of a journal that names other files, which SQLite would delete.
 _NAMES_OTHERS = bytes.fromhex('d9d505f920a163d7')
 EMPTY = 'is empty, no map yet'
 _HEAD, _FRAME = struct.Struct('>8I'), struct.Struct('>6I')
-_MAGIC = 0x377F0682  # the last bit tells the order of the bytes that are summed
-_SUMMED_OF_HEAD = 24  # bytes
-_SUMMED = 8  # bytes of a frame's head that are summed, before its page
-_PAGE_BYTES = frozenset(1 << power for power in range(9, 17))  # that SQLite has
-_LOOKED_AT = 8192  # frames; 500 places, which are the most in a commit, take some 1,500
+_MAGIC = 0x377F0682  # its last bit is the byte order of the checksums
+_SUMMED_OF_HEAD = 24  # bytes of the log's header that its checksum covers
+_SUMMED = 8  # bytes of a frame's header that its checksum covers, before the page
+_PAGE_BYTES = frozenset(1 << power for power in range(9, 17))  # page sizes of SQLite
+_MAX_FRAMES = 8192  # searched for commits; a commit of at most 500 places takes some 1,500
 
 Words = npt.NDArray[np.uint32]
 
 
 def open_to_read(path: Path) -> Database:
-    """Return a map file that is not changed: a mended copy if it must be mended to be read."""
+    """Return a map file opened for reading; a repaired copy if it cannot be read as it is."""
     if path.is_dir():
         raise MapError(f'{path}: is a folder; name the map file in it')
     if not path.is_file():
@@ -53,19 +53,19 @@ def open_to_read(path: Path) -> Database:
         database = Database(path, 'ro')
         try:
             pages = database.number('PRAGMA page_count')
-            there = sum(_bytes(_beside(path, end)) for end in (_LOG, ''))
-            if there < pages * database.number('PRAGMA page_size'):
+            size = sum(_bytes(_beside(path, end)) for end in (_LOG, ''))
+            if size < pages * database.number('PRAGMA page_size'):
                 raise MapError(f'{path}: {DAMAGED.format("cut short")}')
             if not pages:
                 raise MapError(f'{path}: {EMPTY}; make one with `convseq build-map RECORDING MAP`')
             return database
         except sqlite3.OperationalError as error:
             database.close()
-            is_whole = not _beside(path, _JOURNAL).exists()
-            if last == 1 or (is_whole and error.sqlite_errorcode & 0xFF not in _NOT_SHARED):
+            is_clean = not _beside(path, _JOURNAL).exists()
+            if last == 1 or (is_clean and error.sqlite_errorcode & 0xFF not in _NOT_SHARED):
                 raise
-            if mended := _mended_copy(path):
-                return mended
+            if copy := _repaired_copy(path):
+                return copy
         except BaseException:
             database.close()
             raise
@@ -73,7 +73,7 @@ def open_to_read(path: Path) -> Database:
 
 
 def open_to_write(path: Path) -> Database:
-    """Return a map file, mended if a crash left it with a journal, or a new one without pages."""
+    """Return a map file opened for writing: repaired after a crash, or new and without pages."""
     if path.exists() and not path.is_file():
         raise MapError(f'{path}: is no file; name the map file')
     _refuse_damaged(path)
@@ -81,14 +81,14 @@ def open_to_write(path: Path) -> Database:
     database.rows(f'PRAGMA page_size = {PAGE_BYTES}')
     try:
         database.journal()
-    except sqlite3.OperationalError:  # of a log, where programs share no memory
+    except sqlite3.OperationalError:  # there is a log, and no shared memory to read it with
         database.close()
         database = Database(path, 'rw')
         database.rows('PRAGMA locking_mode = EXCLUSIVE')
         database.journal()
         database.rows('PRAGMA locking_mode = NORMAL')
-        database.number('PRAGMA page_count')  # from when on others may read
-    # The folder is synced as well, so that a power cut does not bring a journal back to life.
+        database.number('PRAGMA page_count')  # releases the exclusive lock
+    # EXTRA also syncs the folder, so that a deleted journal stays deleted after a power cut.
     database.rows('PRAGMA synchronous = EXTRA')
     return database
 
@@ -104,13 +104,13 @@ def _bytes(path: Path) -> int:
         return 0
 
 
-def _mended_copy(path: Path) -> Database | None:
-    """Return a copy without what was not committed; None if the file changed meanwhile."""
+def _repaired_copy(path: Path) -> Database | None:
+    """Return a copy without uncommitted changes; None if the file changed meanwhile."""
 
     def state() -> list[tuple[str, int, int, int]]:
-        found = [(end, _beside(path, end)) for end in (_LOG, _JOURNAL, '')]
-        looked = [(end, one.stat()) for end, one in found if one.exists()]
-        return [(end, one.st_ino, one.st_size, one.st_mtime_ns) for end, one in looked]
+        files = [(end, _beside(path, end)) for end in (_LOG, _JOURNAL, '')]
+        stats = [(end, file.stat()) for end, file in files if file.exists()]
+        return [(end, stat.st_ino, stat.st_size, stat.st_mtime_ns) for end, stat in stats]
 
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder, 'map')
@@ -134,11 +134,11 @@ def _mended_copy(path: Path) -> Database | None:
 
 
 def _refuse_damaged(path: Path) -> None:
-    """Raise MapError if SQLite would do harm with a journal, or pass over what is committed."""
+    """Raise MapError if a journal is harmful, or SQLite would ignore commits of a damaged log."""
     journal, log = _beside(path, _JOURNAL), _beside(path, _LOG)
-    for one in (journal, log):
-        if one.exists() and not one.is_file():  # SQLite would wait for a pipe, say
-            raise MapError(f'{one}: is no file; delete it')
+    for file_path in (journal, log):
+        if file_path.exists() and not file_path.is_file():  # SQLite would wait for a pipe
+            raise MapError(f'{file_path}: is no file; delete it')
     with suppress(OSError), journal.open('rb') as file:
         file.seek(max(0, file.seek(0, os.SEEK_END) - len(_NAMES_OTHERS)))
         if file.read() == _NAMES_OTHERS:
@@ -148,7 +148,7 @@ def _refuse_damaged(path: Path) -> None:
             is_large = os.fstat(file.fileno()).st_size > _HEAD.size + PAGE_BYTES
             at = _damaged_at(file) if is_large else -1
     except OSError:
-        return  # SQLite says what is wrong
+        return  # SQLite reports the error
     if at >= 0:
         raise MapError(
             f'{log}: damaged at byte {at}; it holds what was added to the map last: restore it, '
@@ -157,43 +157,43 @@ def _refuse_damaged(path: Path) -> None:
 
 
 def _damaged_at(log: BinaryIO) -> int:
-    """Return where damage begins; -1 if there is none, or nothing that was safe."""
+    """Return the byte where damage begins; -1 if no commit is damaged."""
     head = log.read(_HEAD.size)
     magic, _, page_bytes, _, *salts, first, second = _HEAD.unpack(head)
     sums, order = np.array((first, second), np.uint32), '<>'[magic & 1]
     is_head = magic & ~1 == _MAGIC and page_bytes in _PAGE_BYTES
-    nothing = np.zeros(2, np.uint32)
-    if not is_head or (_sums(head[:_SUMMED_OF_HEAD], order, nothing) != sums).any():
-        return 0  # it is safe before anything follows it
+    initial = np.zeros(2, np.uint32)
+    if not is_head or (_checksum(head[:_SUMMED_OF_HEAD], order, initial) != sums).any():
+        return 0  # the header is safe on disk before any frame is written
     at, size = _HEAD.size, _FRAME.size + page_bytes
     while len(frame := log.read(size)) == size:
-        _, _, *own, first, second = _FRAME.unpack_from(frame)
+        _, _, *frame_salts, first, second = _FRAME.unpack_from(frame)
         content = frame[:_SUMMED] + frame[_FRAME.size :]
-        found, stored = _sums(content, order, sums), np.array((first, second), np.uint32)
-        flipped = sum((a ^ b).bit_count() for a, b in zip(own, salts, strict=True))
-        is_right = bool((found == stored).all())
+        computed, stored = _checksum(content, order, sums), np.array((first, second), np.uint32)
+        flipped = sum((a ^ b).bit_count() for a, b in zip(frame_salts, salts, strict=True))
+        is_right = bool((computed == stored).all())
         if flipped or not is_right:
             is_flip = flipped == 1 and is_right
             is_flip |= not flipped and _is_one_bit(content, order, sums, stored)
             return at if is_flip or _commits(log, at, size, salts) > 1 else -1
-        sums, at = found, at + size
+        sums, at = computed, at + size
     return -1
 
 
 def _commits(log: BinaryIO, at: int, size: int, salts: list[int]) -> int:
-    """Return how many commits of a log end there or later; not all, if they are many."""
-    found = 0
-    for number in range(_LOOKED_AT):
+    """Return how many commits of a log end at a byte or later; counts to 2 at most."""
+    count = 0
+    for number in range(_MAX_FRAMES):
         log.seek(at + number * size)
-        if len(head := log.read(_FRAME.size)) < _FRAME.size or found > 1:
+        if len(head := log.read(_FRAME.size)) < _FRAME.size or count > 1:
             break
-        _, pages, *own, _, _ = _FRAME.unpack(head)
-        found += bool(pages) and own == salts
-    return found
+        _, pages, *frame_salts, _, _ = _FRAME.unpack(head)
+        count += bool(pages) and frame_salts == salts
+    return count
 
 
-def _sums(content: bytes, order: str, before: Words) -> Words:
-    """Return both sums (2,) of some bytes, going on from those before."""
+def _checksum(content: bytes, order: str, before: Words) -> Words:
+    """Return the checksum (2,) of bytes, which continues the one before."""
     words = np.frombuffer(content, f'{order}u4').astype(np.uint32)
     words[:1] += before[:1]
     words = np.concatenate([before[1:], words])
@@ -201,20 +201,19 @@ def _sums(content: bytes, order: str, before: Words) -> Words:
 
 
 def _is_one_bit(content: bytes, order: str, before: Words, stored: Words) -> bool:
-    """Tell whether one flipped bit, of what is summed or of the sums, makes them differ."""
-    found = _sums(content, order, before)
-    if sum(int(one).bit_count() for one in found ^ stored) == 1:
+    """Return whether one flipped bit, of the content or the checksum, explains the mismatch."""
+    computed = _checksum(content, order, before)
+    if sum(int(word).bit_count() for word in computed ^ stored) == 1:
         return True
     bits = _weights(len(content) // 4)[..., None] << np.arange(32, dtype=np.uint32)
-    return any(
-        (bits == off[:, None]).all(axis=1).any() for off in (found - stored, stored - found)
-    )
+    differences = computed - stored, stored - computed
+    return any((bits == difference[:, None]).all(axis=1).any() for difference in differences)
 
 
 @cache
 def _weights(count: int) -> Words:
-    """Return what each of some words adds to both sums, (words, 2): numbers of Fibonacci."""
-    # Of two words x, y: first += x + second; second += y + first.
+    """Return the weights (count, 2) of words in both sums of a checksum: Fibonacci numbers."""
+    # For each pair of words x, y: first += x + second; second += y + first.
     numbers = [0, 1]
     while len(numbers) <= count:
         numbers.append(sum(numbers[-2:]) % 2**32)

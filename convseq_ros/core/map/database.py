@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A map's SQLite file: who may write it; nothing of it is believed before it was checked."""
+"""A map's SQLite file, read with checks because its content is untrusted, and its lock."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -26,13 +26,13 @@ _SAFELY = (  # https://sqlite.org/security.html
     'PRAGMA mmap_size = 0',
 )
 _LONGEST_BYTES = 1 << 26  # of a row or a value; the largest image of a camera is some 20 MB
-_LIMIT_S = 2.0  # of the processor's time, for a statement; 1,024 rows take some 10 ms
-_PATIENCE_S = 10.0  # for who holds the file; a slow card may take seconds to sync
-_STEPS = 20_000  # of SQLite's machine, between two looks at the clock: some .4 ms
-_MOST_SAID = 200  # characters of an error
+_LIMIT_S = 2.0  # processor time of a statement; 1,024 rows take some 10 ms
+_TIMEOUT_S = 10.0  # to wait for another connection; a slow card may take seconds to sync
+_STEPS = 20_000  # of SQLite's virtual machine between two checks of the time: some 0.4 ms
+_MAX_CHARACTERS = 200  # of an error message of SQLite
 DAMAGED = 'damaged map ({}); build it again'
 _READ = 'cannot be read ({}); is the disk failing?'
-_WENT_WRONG = {  # by result code of SQLite, extended or primary
+_MESSAGES = {  # by result code of SQLite, extended or primary
     sqlite3.SQLITE_NOTADB: 'not a convseq map',
     sqlite3.SQLITE_BUSY: 'another program holds it ({}); try again',
     sqlite3.SQLITE_CONSTRAINT: 'another program added to this map ({}); what comes now is not '
@@ -49,16 +49,16 @@ _WENT_WRONG = {  # by result code of SQLite, extended or primary
 
 class Database:
     """
-    A connection to a map file: `mode` is ro, rw or, to make it if there is none, rwc.
+    A connection to a map file; `mode` is ro, rw or rwc, which makes the file if it is missing.
 
-    What a stranger put into the file is not executed, no statement takes for ever, no value takes
-    more memory than an image may. Use it within `explained`.
+    Code in the file's schema is not executed. The time of a statement and the size of a value are
+    limited. Use it within `explained`.
     """
 
     def __init__(self, path: Path, mode: str) -> None:
         address = f'{path.absolute().as_uri()}?mode={mode}'
         self._database = sqlite3.connect(
-            address, _PATIENCE_S, isolation_level=None, check_same_thread=False, uri=True
+            address, _TIMEOUT_S, isolation_level=None, check_same_thread=False, uri=True
         )
         self.close = self._database.close
         self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST_BYTES)
@@ -68,12 +68,12 @@ class Database:
         self._database.set_progress_handler(lambda: time.thread_time() > self._until_s, _STEPS)
 
     def rows(self, statement: str, values: tuple[object, ...] = ()) -> Rows:
-        """Execute a statement; return what it yields."""
+        """Execute a statement; return its rows."""
         self._until_s = time.thread_time() + _LIMIT_S
         return self._database.execute(statement, values).fetchall()
 
     def number(self, statement: str) -> int:
-        """Return the one number that a statement yields."""
+        """Execute a statement; return its result, a single number."""
         return int(self.rows(statement)[0][0])
 
     def sound(self, table: str, condition: str = '', values: tuple[int, ...] = ()) -> Rows:
@@ -81,57 +81,57 @@ class Database:
         rows = self.rows(f'SELECT * FROM {table} {condition}', values)
         for row in rows:
             if row_crc(row[:-1]) != row[-1]:
-                one = f'reference {row[0]}' if 'reference_index' in TABLES[table] else table
-                raise ValueError(f'{one} fails its checksum')
+                name = f'reference {row[0]}' if 'reference_index' in TABLES[table] else table
+                raise ValueError(f'{name} fails its checksum')
         return rows
 
     def insert(self, table: str, row: tuple[object, ...], how: str = 'INSERT') -> None:
-        """Write a row, and its checksum."""
+        """Write a row with its checksum."""
         marks = ', '.join('?' * (len(row) + 1))
         self.rows(f'{how} INTO {table} VALUES ({marks})', (*row, row_crc(row)))
 
     @contextmanager
     def transaction(self, kind: str = 'DEFERRED') -> Iterator[None]:
-        """Do all of what follows, or nothing; see what the file held at one moment."""
+        """Run a block as one transaction: it commits all or nothing, and reads one snapshot."""
         self.begin(kind)
         with self._database:
             yield
 
     def begin(self, kind: str = 'IMMEDIATE') -> None:
-        """Begin a transaction, unless one is begun: by default one that writes."""
+        """Begin a transaction unless one is open; by default one that may write."""
         if not self._database.in_transaction:
             self.rows(f'BEGIN {kind}')
 
     def commit(self) -> None:
-        """End the transaction, if one is begun: what it wrote is safe."""
+        """Commit the transaction, if one is open: its changes are safe on disk."""
         self._database.commit()
 
     def roll_back(self) -> None:
-        """End the transaction, if one is begun: nothing was written."""
+        """Roll back the transaction, if one is open: none of its changes is kept."""
         with suppress(sqlite3.Error):
             self._database.rollback()
 
     def write_ahead(self) -> None:
         """
-        Have commits go to a log beside the file, so that no reader waits; not while another reads.
+        Write commits to a log beside the file, so that readers need not wait, if nobody reads now.
 
-        sqlite3.Error if that fails, as where programs share no memory; then close this.
+        sqlite3.Error if a log is impossible, as where programs share no memory; then close this.
         """
         self._journal_mode('WAL')
         self.begin()
         self.roll_back()
 
     def journal(self) -> None:
-        """Have commits go to the file, and all of the log; the log is gone if nobody reads."""
+        """Write commits to the file again, and move the log into it; readers may delay that."""
         if not self._journal_mode('DELETE'):
             self.settle()
 
     def settle(self) -> None:
-        """Have the file hold what the log does, and the log nothing; later if readers are busy."""
+        """Move the log's content into the file and empty the log, unless readers are busy."""
         self.rows('PRAGMA wal_checkpoint(TRUNCATE)')
 
     def _journal_mode(self, mode: str) -> bool:
-        """Return whether a mode was taken, which needs a moment without readers."""
+        """Set a journal mode; return False if readers prevent it."""
         try:
             self.rows(f'PRAGMA journal_mode = {mode}')
         except sqlite3.OperationalError as error:
@@ -141,7 +141,7 @@ class Database:
         return True
 
     def make_tables(self) -> None:
-        """Make a map without places, or without those that it has, in a transaction."""
+        """Make the tables of a map without places, replacing all that exist."""
         for table, statement in SCHEMA.items():
             self.rows(f'DROP TABLE IF EXISTS {table}')
             self.rows(statement)
@@ -149,46 +149,46 @@ class Database:
         self.rows(f'PRAGMA user_version = {FORMAT_VERSION}')
 
     def check(self, path: Path) -> None:
-        """Raise MapError if this is no map of this format; ValueError if it holds other tables."""
+        """Raise MapError if this is not a map of this format, ValueError if tables differ."""
         if self.number('PRAGMA application_id') != APPLICATION_ID:
             raise MapError(f'{path}: not a convseq map but another SQLite file')
-        own = self.number('PRAGMA user_version')
-        if own != FORMAT_VERSION:
-            remedy = 'update convseq_ros' if own > FORMAT_VERSION else 'build the map again'
+        version = self.number('PRAGMA user_version')
+        if version != FORMAT_VERSION:
+            remedy = 'update convseq_ros' if version > FORMAT_VERSION else 'build the map again'
             raise MapError(
-                f'{path}: map format {own}, this program reads {FORMAT_VERSION}; {remedy}'
+                f'{path}: map format {version}, this program reads {FORMAT_VERSION}; {remedy}'
             )
-        found = self.rows('SELECT name, sql FROM sqlite_master')
-        if sorted(found) != sorted(SCHEMA.items()):
-            others = sorted({str(name) for name, _ in found} - SCHEMA.keys())
+        tables = self.rows('SELECT name, sql FROM sqlite_master')
+        if sorted(tables) != sorted(SCHEMA.items()):
+            others = sorted({str(name) for name, _ in tables} - SCHEMA.keys())
             raise ValueError(f'{others or "tables"} that no map has')
 
 
 @contextmanager
 def explained(path: Path) -> Iterator[None]:
-    """Raise MapError, one line with the file's name, for whatever goes wrong with a map file."""
+    """Turn errors of a map file into a MapError: one line with the file's name and a remedy."""
     try:
         yield
     except OSError as error:
         raise MapError(f'{path}: cannot be read ({error.strerror})') from error
     except MemoryError as error:
-        what = 'a row that takes more memory than there is'
-        raise MapError(f'{path}: {DAMAGED.format(what)}') from error
+        cause = 'a row that takes more memory than there is'
+        raise MapError(f'{path}: {DAMAGED.format(cause)}') from error
     except (sqlite3.Error, OverflowError, RecursionError, ValueError, TypeError) as error:
         code = getattr(error, 'sqlite_errorcode', 0)
-        words = _WENT_WRONG.get(code) or _WENT_WRONG.get(code & 0xFF, DAMAGED)
-        # A stranger's words may be long, and more than text to a terminal.
-        text = ascii(' '.join(str(error).split())[:_MOST_SAID])[1:-1]
-        raise MapError(f'{path}: {words.format(text)}') from error
+        message = _MESSAGES.get(code) or _MESSAGES.get(code & 0xFF, DAMAGED)
+        # SQLite quotes the untrusted file: the text may be long and hold control characters.
+        text = ascii(' '.join(str(error).split())[:_MAX_CHARACTERS])[1:-1]
+        raise MapError(f'{path}: {message.format(text)}') from error
 
 
 class MapLock:
     """
-    A lock on a map by its name, `<map>-lock` beside it; MapError if another owner holds it.
+    The lock that a writer of a map holds, on the file `<map>-lock`; MapError if it is held.
 
-    The system releases it when the program ends, however it does; what a crash leaves of the file
-    holds nobody up, and parts of maps are deleted. It is not a lock on the map itself: one that is
-    closed would take SQLite's with it. Readers need none.
+    The system releases it when the program ends, also by a crash; a lock file that is left behind
+    blocks nobody. Parts of maps that a crash left are deleted. The map itself is not locked,
+    because closing it would also release SQLite's locks. Readers need no lock.
     """
 
     def __init__(self, path: Path) -> None:
@@ -218,14 +218,14 @@ class MapLock:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let others write the map."""
+        """Release the lock."""
         with suppress(OSError):
             self._path.unlink()
         os.close(self._file)
 
 
 def _refuse_read_only(path: Path) -> None:
-    """Say at the start what would else go wrong later; SQLite needs the folder for its journal."""
+    """Raise MapError if the map or its folder, where SQLite's journal goes, is read-only."""
     folder = path.absolute().parent
     if not folder.is_dir():
         raise MapError(f'{path}: there is no folder {folder}; make it')
@@ -237,19 +237,19 @@ def _refuse_read_only(path: Path) -> None:
 
 def _delete_parts(target: Path) -> None:
     """
-    Delete what programs left beside a map that were killed while they replaced it.
+    Delete the folders that programs left beside a map when they were killed while replacing it.
 
-    None is made without the lock. What others may have made stays: only this user's closed folders
-    are looked at, of such a name, with nothing but a map in them.
+    A folder is only made under the lock. One is deleted only if its name fits, it belongs to this
+    user, no other user may read it, and it holds nothing but a map.
     """
-    own = {target.name + end for end in ('', '-lock', *BESIDE)}
-    made = f'{glob.escape(target.name)}.{8 * "[a-z0-9_]"}{PART}'  # by `tempfile`
+    names = {target.name + end for end in ('', '-lock', *BESIDE)}
+    pattern = f'{glob.escape(target.name)}.{8 * "[a-z0-9_]"}{PART}'  # names by `tempfile`
     with suppress(OSError):
-        for one in target.parent.glob(made):
+        for folder in target.parent.glob(pattern):
             with suppress(OSError):
-                about = one.lstat()
-                is_closed = about.st_mode == stat.S_IFDIR | 0o700
-                if is_closed and about.st_uid == os.geteuid() and own.issuperset(os.listdir(one)):
-                    for name in os.listdir(one):
-                        (one / name).unlink()
-                    one.rmdir()
+                status = folder.lstat()
+                is_ours = status.st_mode == stat.S_IFDIR | 0o700 and status.st_uid == os.geteuid()
+                if is_ours and names.issuperset(os.listdir(folder)):
+                    for name in os.listdir(folder):
+                        (folder / name).unlink()
+                    folder.rmdir()

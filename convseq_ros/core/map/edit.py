@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Maps made of the sessions of other maps, or of some of their places; all is kept as stored."""
+"""Editing maps: joining sessions, removing places, renaming sessions, removing links."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -24,88 +24,88 @@ from convseq_ros.errors import MapError
 
 @dataclass(frozen=True, slots=True)
 class SessionSlice:
-    """A session of a map, or some of its places, to be put into another map."""
+    """A session of a map, or a part of it, to be copied into another map."""
 
     path: Path  # of the map
     reference_map: ReferenceMap
-    number: int  # of the session in it
-    session: MapSession  # what is to be stored of it
-    places: Sequence[int]  # that it has in its map, ascending
-    poses: Mapping[int, Pose] = field(default_factory=dict)  # by place, instead of its own
+    number: int  # of the session in its map
+    session: MapSession  # the session's row to store
+    places: Sequence[int]  # indices in its map, ascending
+    poses: Mapping[int, Pose] = field(default_factory=dict)  # by place: replace the map's poses
 
 
 def slices_of(path: Path, opened: ReferenceMap | None = None) -> list[SessionSlice]:
     """
-    Return the sessions of a map that have places; those without a name are called after its file.
+    Return the sessions of a map that have places; a session without a name gets the file's name.
 
-    MapError as of `open_map`, unless it is open already.
+    `opened` is the map, if it is open already; else MapError as of `open_map`.
     """
-    whole, slices = open_map(path) if opened is None else opened, []
-    for start, end in pairwise([*whole.bounds.starts.tolist(), len(whole)]):
+    reference_map, slices = open_map(path) if opened is None else opened, []
+    for start, end in pairwise([*reference_map.bounds.starts.tolist(), len(reference_map)]):
         if start < end:
-            number = whole.places[start].session
-            session = whole.sessions[number]
-            usual = path.stem if len(whole.sessions) == 1 else f'{path.stem}-{number + 1}'
-            session = replace(session, name=session.name or usual)
-            slices.append(SessionSlice(path, whole, number, session, range(start, end)))
+            number, count = reference_map.places[start].session, len(reference_map.sessions)
+            session = reference_map.sessions[number]
+            default_name = path.stem if count == 1 else f'{path.stem}-{number + 1}'
+            session = replace(session, name=session.name or default_name)
+            slices.append(SessionSlice(path, reference_map, number, session, range(start, end)))
     return slices
 
 
 def chosen_slice(slices: Sequence[SessionSlice], wanted: str) -> SessionSlice:
-    """Return the session of a name, an id or a number; MapError, naming all, if none is."""
+    """Return the session with a name, an id or a number; MapError, naming all, without one."""
     for key in map(attrgetter, ('session.name', 'session.id', 'number')):
-        found = [one for one in slices if str(key(one)) == wanted]
-        if len(found) == 1:
-            return found[0]
-    known = ', '.join(f'{one.number} {one.session.name!r}' for one in slices)
-    raise MapError(f'{slices[0].path}: no one session is {wanted!r}; it has {known}')
+        matching = [one for one in slices if str(key(one)) == wanted]
+        if len(matching) == 1:
+            return matching[0]
+    choices = ', '.join(f'{one.number} {one.session.name!r}' for one in slices)
+    raise MapError(f'{slices[0].path}: no one session is {wanted!r}; it has {choices}')
 
 
 def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
     """
-    Return sessions as one map, in their order, which is in memory and reads their files.
+    Return a map of the sessions in order; it is in memory and reads pictures from their files.
 
-    MapError if they were made with different settings or one is there twice.
+    MapError if they were made with different settings or a session is there twice.
     """
-    _refuse_unlike(slices)
+    _refuse_incompatible(slices)
     first = slices[0].reference_map
-    every = [(one.reference_map, at) for one in slices for at in one.places]
-    places = Places(first.global_descriptors.shape[1], len(every))
+    origins = [(one.reference_map, index) for one in slices for index in one.places]
+    places = Places(first.global_descriptors.shape[1], len(origins))
     for number, one in enumerate(slices):
-        for at in one.places:
-            place = one.reference_map.places[at]
-            place = replace(place, pose=one.poses.get(at, place.pose), session=number)
-            places.append(place, one.reference_map.global_descriptors[at])
+        for index in one.places:
+            place = one.reference_map.places[index]
+            place = replace(place, pose=one.poses.get(index, place.pose), session=number)
+            places.append(place, one.reference_map.global_descriptors[index])
 
-    def read(wanted: Sequence[int], with_images: bool) -> list[Picture]:
-        found, of_map = dict[int, Picture](), dict[ReferenceMap, list[int]]()
-        for one in wanted:
-            of_map.setdefault(every[one][0], []).append(one)
-        for own, some in of_map.items():
-            pictures = own.pictures([every[one][1] for one in some], with_images)
-            found.update(zip(some, pictures, strict=True))
-        return [found[one] for one in wanted]
+    def read(indices: Sequence[int], with_images: bool) -> list[Picture]:
+        pictures, by_map = dict[int, Picture](), dict[ReferenceMap, list[int]]()
+        for index in indices:
+            by_map.setdefault(origins[index][0], []).append(index)
+        for source, wanted in by_map.items():
+            read_now = source.pictures([origins[index][1] for index in wanted], with_images)
+            pictures.update(zip(wanted, read_now, strict=True))
+        return [pictures[index] for index in indices]
 
     sessions = [one.session for one in slices]
-    made = ReferenceMap(first.encoding, places, read, first.keyframes, sessions=sessions)
-    carry_links(every, made.links)
-    return made
+    joined_map = ReferenceMap(first.encoding, places, read, first.keyframes, sessions=sessions)
+    carry_links(origins, joined_map.links)
+    return joined_map
 
 
-def _refuse_unlike(slices: Sequence[SessionSlice]) -> None:
+def _refuse_incompatible(slices: Sequence[SessionSlice]) -> None:
     """Raise MapError if sessions were made with different settings, or one is there twice."""
 
-    def settings(one: SessionSlice) -> dict[str, object]:
+    def settings_of(one: SessionSlice) -> dict[str, object]:
         return kept_of(one.reference_map.encoding) | one.reference_map.keyframes.spacing
 
     first, seen = slices[0], dict[str, SessionSlice]()
-    expected = settings(first)
+    expected = settings_of(first)
     for one in slices:
-        made = settings(one)
-        if unlike := [name for name in expected if made[name] != expected[name]]:
-            name = unlike[0]
+        settings = settings_of(one)
+        if different := [name for name in expected if settings[name] != expected[name]]:
+            name = different[0]
             raise MapError(
-                f'{one.path}: made with {name} {made[name]!r:.40}, {first.path} with '
+                f'{one.path}: made with {name} {settings[name]!r:.40}, {first.path} with '
                 f'{expected[name]!r:.40}; build one of them again with the settings of the other'
             )
         if before := seen.get(one.session.id):
@@ -116,40 +116,40 @@ def _refuse_unlike(slices: Sequence[SessionSlice]) -> None:
         seen[one.session.id] = one
 
 
-def carry_links(every: Sequence[tuple[ReferenceMap, int]], links: Links) -> None:
+def carry_links(origins: Sequence[tuple[ReferenceMap, int]], links: Links) -> None:
     """
-    Link the places of a map, given as those of other maps, as they are linked there.
+    Copy links to a new map, whose places are given by their maps and their indices there.
 
-    Where the other place stays out, a link goes past it to what that one is linked to; and where
-    an anchor stays out, the earliest of its looks takes its part. What comes from another map than
-    the first place is to be looked up among what comes before it.
+    If the other place of a link is left out, the link leads to the place that the other one is
+    linked to. If an anchor is left out, its earliest look becomes the anchor. Anchors of maps
+    other than the first place's are not marked as looked up, so that `link_map` looks them up.
     """
-    firsts, news = dict[tuple[ReferenceMap, int], int](), dict[tuple[ReferenceMap, int], int]()
-    for new, (own, at) in enumerate(every):
-        news[own, at] = new
-        if not own.links.known:
+    anchors, copies = dict[tuple[ReferenceMap, int], int](), dict[tuple[ReferenceMap, int], int]()
+    for new, (source, old) in enumerate(origins):
+        copies[source, old] = new
+        if not source.links.looked_up_count:
             continue
-        first = firsts.setdefault((own, own.links.anchor(at)), new)
-        link = own.links.details(at)
-        while link and (own, link.other) not in news:
-            onward = own.links.details(link.other)
+        anchor = anchors.setdefault((source, source.links.anchor(old)), new)
+        link = source.links.details(old)
+        while link and (source, link.other) not in copies:
+            onward = source.links.details(link.other)
             link = onward and beyond(link, onward)
         if link:
-            other = news[own, link.other]
-            links.add(new, other, link.confidence, link.inliers, link.relative, first)
-        elif first != new:
-            links.add(new, first)
-        elif own is every[0][0] and own.links.knows(at):
+            other = copies[source, link.other]
+            links.add(new, other, link.confidence, link.inliers, link.relative, anchor)
+        elif anchor != new:
+            links.add(new, anchor)
+        elif source is origins[0][0] and source.links.is_looked_up(old):
             links.add_first(new)
 
 
 def write_new(
-    whole: ReferenceMap, path: Path, progress: Progress = iter, instead: ReferenceMap | None = None
+    new: ReferenceMap, path: Path, progress: Progress = iter, instead: ReferenceMap | None = None
 ) -> None:
     """
-    Write a map, whole or not at all, to a file that is not there, or that still holds `instead`.
+    Write a map in one step to a new file, or to a file that still holds the map `instead`.
 
-    MapError if it is there, was changed since, another program adds to it, or the disk is full.
+    MapError if a new file exists, a file was changed, another program adds, or the disk is full.
     """
 
     def refuse() -> None:
@@ -158,47 +158,47 @@ def write_new(
         elif _state(open_map(path)) != _state(instead):
             raise MapError(f'{path}: was changed meanwhile; run it again')
 
-    save_map(whole, path, progress, refuse)
+    save_map(new, path, progress, refuse)
 
 
 def refuse_existing(path: Path) -> None:
-    """Raise MapError if there is a file already, where a new one should be."""
+    """Raise MapError if a file that should be new exists already."""
     if path.exists():
         raise MapError(f'{path}: exists already; name another file')
 
 
-def _state(whole: ReferenceMap) -> object:
-    return whole.map_id, len(whole), [session.row for session in whole.sessions]
+def _state(saved: ReferenceMap) -> object:
+    return saved.map_id, len(saved), [session.row for session in saved.sessions]
 
 
 def without(slices: Sequence[SessionSlice], indices: Collection[int]) -> list[SessionSlice]:
-    """Return the sessions of one map without some of its places."""
-    out = {*indices}
-    left = [replace(one, places=[at for at in one.places if at not in out]) for one in slices]
+    """Return the sessions of a map without the places of given indices."""
+    gone = {*indices}
+    left = [replace(one, places=[at for at in one.places if at not in gone]) for one in slices]
     return [one for one in left if one.places]
 
 
-def limited(path: Path, whole: ReferenceMap, max_looks: int) -> ReferenceMap:
-    """Return a map that keeps so many looks of each place: itself, if it has no more."""
-    out = Looks(whole, max_looks).surplus
-    return joined(without(slices_of(path, whole), out)) if out else whole
+def limited(path: Path, opened: ReferenceMap, max_looks: int) -> ReferenceMap:
+    """Return a map with at most `max_looks` looks of a place: the same map if it has no more."""
+    surplus = Looks(opened, max_looks).surplus
+    return joined(without(slices_of(path, opened), surplus)) if surplus else opened
 
 
 def bound(path: Path, max_looks: int, progress: Progress = iter) -> int:
     """
-    Keep so many looks of each place in a map file; return how many places went.
+    Keep at most `max_looks` looks of each place in a map file; return how many places it lost.
 
-    That is done in one step, or not at all; MapError as for `write_new`.
+    The file is replaced in one step or not at all; MapError as for `write_new`.
     """
-    whole = open_map(path)
-    left = limited(path, whole, max_looks)
-    if left is not whole:
-        write_new(left, path, progress, whole)
-    return len(whole) - len(left)
+    before = open_map(path)
+    after = limited(path, before, max_looks)
+    if after is not before:
+        write_new(after, path, progress, before)
+    return len(before) - len(after)
 
 
 def rename_session(named: SessionSlice) -> None:
-    """Give a session the name of a slice, in its file; MapError if another program adds to it."""
+    """Write the name of a slice's session to its file; MapError if another program adds to it."""
     row = named.number, *named.session.row
     with _changed(named.path) as database:
         database.rows(
@@ -211,29 +211,29 @@ def rename_session(named: SessionSlice) -> None:
 
 def unlink(path: Path, places: Collection[int] | None = None) -> int:
     """
-    Take links out of a map file, and return how many; MapError if another program adds to it.
+    Remove links from a map file; return how many. MapError if another program adds to it.
 
-    Some `places` count as looked up from then on, and are not linked again; by default all links
-    go, and places count as not looked up.
+    With `places`, only their links are removed; they stay marked as looked up and are not linked
+    again. By default all links and all marks are removed.
     """
     with _changed(path) as database:
-        whole = open_map(path)
-        before, left = len(whole.links), Links(whole.bounds.around)
+        opened = open_map(path)
+        before, left = len(opened.links), Links(opened.bounds.around)
         if places is None:
             database.rows('DELETE FROM links')
             return before
-        for one in whole.links.each():
-            if one.place in places:
-                left.add_first(one.place)
+        for link in opened.links.each():
+            if link.place in places:
+                left.add_first(link.place)
             else:
-                left.add(one.place, one.other, one.confidence, one.inliers, one.relative)
-        write_links(database, left.since(0, len(whole)))
+                left.add(link.place, link.other, link.confidence, link.inliers, link.relative)
+        write_links(database, left.since(0, len(opened)))
     return before - len(left)
 
 
 @contextmanager
 def _changed(path: Path) -> Iterator[Database]:
-    """Give a map's file to be changed in one transaction."""
+    """Yield a map's file, opened to be changed in one transaction."""
     with MapLock(path), explained(path), closing(open_to_write(path)) as database:
         with database.transaction('IMMEDIATE'):
             yield database

@@ -1,12 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How a map is laid out in its SQLite file, format 6.
+The layout of a map's SQLite file, format 6.
 
-`about` holds the map's id and the settings that made it. `sessions` are the drives that made it;
-the places of one lie together, in order. `places` and `links` are read when a map is opened, the
-others when a place is asked for. The cells are float16, divided by 64. Every row of every table
-has a CRC-32 of all its values, so that a flipped bit refuses an answer and never changes one.
+`about` holds the map's id and the settings it was made with. `sessions` are its drives; the places
+of a session follow each other in order. `places` and `links` are read when a map is opened, the
+other tables when a place is needed. Cells are float16, divided by 64. Every row has a CRC-32 of
+all its values, so that a flipped bit is an error and never changes an answer.
 """
 
 from dataclasses import asdict, dataclass
@@ -26,10 +26,10 @@ import numpy as np
 
 FORMAT_VERSION = 6  # PRAGMA user_version
 APPLICATION_ID = 0x43565351  # PRAGMA application_id; CVSQ
-PAGE_BYTES = 16_384  # of the file: the cells of a place fill one, and 6 rows share another
+PAGE_BYTES = 16_384  # the cells of a place fill a page; what else 6 rows hold shares another
 TABLES = {
     'about': '(name TEXT PRIMARY KEY, value TEXT NOT NULL, crc32 INTEGER NOT NULL) WITHOUT ROWID',
-    # Camera: JSON of its intrinsics. Frame: what the poses are in. Both may be unknown.
+    # Camera: JSON of its intrinsics. Frame: the reference frame of the poses. Both may be NULL.
     'sessions': '(session INTEGER PRIMARY KEY, id TEXT NOT NULL, name TEXT NOT NULL, '
     'start_ns INTEGER NOT NULL, camera TEXT, frame TEXT, crc32 INTEGER NOT NULL)',
     'places': '(reference_index INTEGER PRIMARY KEY, stamp_ns INTEGER NOT NULL, '
@@ -37,53 +37,53 @@ TABLES = {
     'session INTEGER NOT NULL, pooled BLOB NOT NULL, crc32 INTEGER NOT NULL)',
     'pictures': '(reference_index INTEGER PRIMARY KEY, cells BLOB NOT NULL, '
     'thumbnail BLOB NOT NULL, crc32 INTEGER NOT NULL)',
-    # Of a place, as a JPEG; NULL if it was not kept.
+    # The image of a place as a JPEG; NULL if it was not kept.
     'images': '(reference_index INTEGER PRIMARY KEY, jpeg BLOB, crc32 INTEGER NOT NULL)',
-    # Of places that were looked up in what came before them; of those not found all is NULL.
-    # Relative: 33 float64, those of a `RelativePose`; NULL if it was not measured.
+    # Places that were looked up among earlier ones; without a result, all other columns are NULL.
+    # Relative: the 33 float64 of a `RelativePose`; NULL if it was not measured.
     'links': '(place INTEGER PRIMARY KEY, other INTEGER, anchor INTEGER, confidence REAL, '
     'inliers INTEGER, relative BLOB, crc32 INTEGER NOT NULL)',
-    # Of places whose regions' depths are known.
+    # Depths of a place's regions; no row if there are none.
     'depths': '(reference_index INTEGER PRIMARY KEY, metres BLOB NOT NULL, '
     'crc32 INTEGER NOT NULL)',
-    # Of places with cells, of a map with a descriptor_model: float16, of unit length. Without
-    # cells, `pooled` is that.
+    # The descriptor model's vector, float16 of unit length, in a map that also keeps cells. A map
+    # without cells stores it as `pooled`.
     'vectors': '(reference_index INTEGER PRIMARY KEY, numbers BLOB NOT NULL, '
     'crc32 INTEGER NOT NULL)',
 }
 SCHEMA = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
-# Of an encoding: what a map keeps, and what is compared.
-_LEFT_OUT = {'descriptor_model': '', 'keeps_cells': True}  # of files where it is so
+# Settings of an encoding that a map stores, and those that must be the same for its queries.
+_LEFT_OUT = {'descriptor_model': '', 'keeps_cells': True}  # defaults, which are not stored
 _ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg', *_LEFT_OUT)
 _COMPARED = ('image_size_px', 'image_rotation_deg')
-# Of float16, read as a number: what is negative, infinite or no number is no less than this.
+# The bits of a float16 as an integer: from here on it is infinite, not a number or negative.
 _FIRST_NOT_FINITE = 0x7C00
 
 _MAGIC, _ID_BYTES = b'SQLite format 3\0', slice(68, 72)  # https://sqlite.org/fileformat.html
-_UPPER = np.triu_indices(6)  # of a covariance
-_NUMBERS = 33  # of a relative pose: orientation, position, direction, covariance, and two more
-_OFF_UNIT = 1e-6  # that the length of an orientation may be
-_MOST_CHARACTERS = 100  # of an id, which goes into every answer; a UUID has 36
+_UPPER = np.triu_indices(6)  # the stored half of a covariance
+_NUMBERS = 33  # of a relative pose: 4 orientation, 3 position, 3 direction, 21 covariance, 2 more
+_TOLERANCE = 1e-6  # by which the length of an orientation may differ from 1
+_MAX_CHARACTERS = 100  # of an id, which is part of every answer; a UUID has 36
 
 Row = tuple[object, ...]
 
 
 def kept_of(encoding: EncodingConfig) -> dict[str, Any]:
-    """Return what a map keeps of its encoding, by name."""
+    """Return the settings of an encoding that a map stores, by name."""
     return {name: getattr(encoding, name) for name in _ENCODING}
 
 
 def is_map_or_empty(path: Path) -> bool:
-    """Return whether a file begins as a map of any format does, or is empty."""
+    """Return whether a file is empty or begins like a map of any format."""
     with path.open('rb') as file:
         head = file.read(_ID_BYTES.stop)
-    of_ours = head[_ID_BYTES] == APPLICATION_ID.to_bytes(4, 'big')
-    return not head or (head.startswith(_MAGIC) and of_ours)
+    has_our_id = head[_ID_BYTES] == APPLICATION_ID.to_bytes(4, 'big')
+    return not head or (head.startswith(_MAGIC) and has_our_id)
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What made a map, and which one it is."""
+    """The id of a map and the settings it was made with."""
 
     map_id: str  # a UUID
     encoding: EncodingConfig
@@ -91,21 +91,21 @@ class Settings:
 
     @property
     def rows(self) -> dict[str, str]:
-        """Return what is stored of them, by name."""
+        """The rows of the table `about`: values by name."""
         kept = kept_of(self.encoding).items()
-        said = {name: value for name, value in kept if _LEFT_OUT.get(name) != value}
+        encoding = {name: value for name, value in kept if _LEFT_OUT.get(name) != value}
         return {
             'map_id': self.map_id,
-            'encoding': json.dumps(said),
+            'encoding': json.dumps(encoding),
             'keyframes': json.dumps(self.keyframes.spacing),
         }
 
     @classmethod
     def of_rows(cls, stored: dict[str, str]) -> 'Settings':
-        """Return what was stored; ValueError if it is not what a map says."""
+        """Return the settings of stored rows; ValueError if they are invalid."""
         try:
-            made = {**_LEFT_OUT, **json.loads(stored['encoding'])}
-            encoding = EncodingConfig(**{name: made[name] for name in _ENCODING})
+            values = {**_LEFT_OUT, **json.loads(stored['encoding'])}
+            encoding = EncodingConfig(**{name: values[name] for name in _ENCODING})
             model = encoding.descriptor_model
             if (model and not model.startswith('#')) or type(encoding.keeps_cells) is not bool:
                 raise ValueError('settings: a descriptor_model that is none')
@@ -118,30 +118,30 @@ class Settings:
     def refused(
         self, encoding: EncodingConfig | None, keyframes: KeyframeConfig | None
     ) -> str | None:
-        """Return why what is asked for does not fit, naming both values; None if it does."""
+        """Return why other settings do not fit this map, with both values; None if they do."""
         wanted = encoding or self.encoding
         if wanted.image_mask not in ('', self.encoding.image_mask):
             return 'made with another image_mask; leave it out, or build the map again'
         if line := self._other_model(wanted, grows=keyframes is not None):
             return line
-        asked = {name: getattr(wanted, name) for name in _COMPARED}
-        asked |= (keyframes or self.keyframes).spacing
-        own = {name: getattr(self.encoding, name) for name in _COMPARED} | self.keyframes.spacing
-        for name, made in own.items():
-            if made != asked[name]:
+        requested = {name: getattr(wanted, name) for name in _COMPARED}
+        requested |= (keyframes or self.keyframes).spacing
+        of_map = {name: getattr(self.encoding, name) for name in _COMPARED}
+        for name, value in (of_map | self.keyframes.spacing).items():
+            if value != requested[name]:
                 return (
-                    f'made with {name} {made}, asked for {asked[name]}; set {name} to {made} or '
-                    'build the map again'
+                    f'made with {name} {value}, asked for {requested[name]}; set {name} to '
+                    f'{value} or build the map again'
                 )
         return None
 
     def _other_model(self, wanted: EncodingConfig, grows: bool) -> str | None:
-        """Return why a map of another model, or one without cells, does not fit, if so."""
-        own, asked = self.encoding.descriptor_model, wanted.descriptor_model
-        # What does not grow may be read by what is built in, as long as it has cells.
-        if own != asked and (asked or grows or not self.encoding.keeps_cells):
+        """Return why the descriptor model or the lack of cells does not fit; None if it does."""
+        made, requested = self.encoding.descriptor_model, wanted.descriptor_model
+        # A map with cells can be read without its model, by the built-in descriptor.
+        if made != requested and (requested or grows or not self.encoding.keeps_cells):
             return (
-                f'made with {model_name(own)}, asked for {model_name(asked)}; set '
+                f'made with {model_name(made)}, asked for {model_name(requested)}; set '
                 'descriptor_model to the file that it was made with, or build the map again'
             )
         if grows and self.encoding.keeps_cells != wanted.keeps_cells:
@@ -152,32 +152,32 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class MapSession:
-    """A drive that made places of a map."""
+    """A drive that added places to a map."""
 
     id: str  # a UUID
-    name: str  # what people call it; may be empty
+    name: str  # for people; may be empty
     start_ns: int  # stamp of its first place
-    camera: Camera | None = None  # if it was known then
-    frame: str | None = None  # of the poses, if it is known
+    camera: Camera | None = None
+    frame: str | None = None  # reference frame of the poses
 
     @property
     def row(self) -> Row:
-        """Return what is stored of it."""
-        known = asdict(self.camera).items() if self.camera else ()
-        # What is unknown of a camera is left out.
-        camera = json.dumps({name: value for name, value in known if value or value == 0})
-        return self.id, self.name, self.start_ns, camera if known else None, self.frame
+        """The row of the table `sessions`, without its number."""
+        fields = asdict(self.camera).items() if self.camera else ()
+        # Unknown fields of a camera are left out.
+        camera = json.dumps({name: value for name, value in fields if value or value == 0})
+        return self.id, self.name, self.start_ns, camera if fields else None, self.frame
 
     @classmethod
     def of_row(cls, row: Row) -> 'MapSession':
-        """Return what was stored; ValueError or TypeError if it is no session."""
-        ident, name, start_ns, camera, frame = row
-        described = None if frame is None else str(frame)
-        return cls(checked_id(ident), str(name), int(str(start_ns)), _camera(camera), described)
+        """Return the session of a stored row; ValueError or TypeError if it is invalid."""
+        session_id, name, start_ns, camera, frame = row
+        frame = None if frame is None else str(frame)
+        return cls(checked_id(session_id), str(name), int(str(start_ns)), _camera(camera), frame)
 
 
 def _camera(stored: object) -> Camera | None:
-    """Return a camera that was stored; ValueError or TypeError if it is none."""
+    """Return a stored camera; ValueError or TypeError if it is invalid."""
     if stored is None:
         return None
     fields = {'distortion_model': '', 'distortion': [], 'mount': None, **json.loads(str(stored))}
@@ -194,16 +194,16 @@ def _camera(stored: object) -> Camera | None:
 
 
 def checked_id(stored: object) -> str:
-    """Return an id that was stored; ValueError if it is none."""
-    if not isinstance(stored, str) or len(stored) > _MOST_CHARACTERS:
+    """Return a stored id; ValueError if it is not text, or too long."""
+    if not isinstance(stored, str) or len(stored) > _MAX_CHARACTERS:
         raise ValueError('an id that is none')
     return stored
 
 
 def row_crc(values: Row) -> int:
-    """Return the checksum of a row: that of its numbers and texts, then of its blobs."""
+    """Return the CRC-32 of a row: of its numbers and texts first, then of its blobs."""
     *plain, last = values
-    if type(last) is bytes and type(plain[-1]) is not bytes:  # most rows, told sooner
+    if type(last) is bytes and type(plain[-1]) is not bytes:  # a fast path for most rows
         return zlib.crc32(last, zlib.crc32(repr([*plain, len(last)]).encode()))
     count = len(values)
     while count and type(values[count - 1]) is bytes:  # blobs come last
@@ -216,7 +216,7 @@ def row_crc(values: Row) -> int:
 
 
 def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> Halves:
-    """Return stored cells, packed; ValueError if they are of another shape, or no strengths."""
+    """Return stored cells, packed; ValueError if the shape is wrong or a value is invalid."""
     bits = np.frombuffer(stored, '<u2').reshape(cell_shape)
     if bits.max() >= _FIRST_NOT_FINITE:
         raise ValueError('its cells are not finite, or negative')
@@ -224,7 +224,7 @@ def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> Halves:
 
 
 def packed_pose(pose: RelativePose) -> bytes:
-    """Return what is stored of a relative pose: 33 numbers, NaN for what is not known."""
+    """Return a relative pose as stored: 33 numbers, NaN for an unknown position or direction."""
     unknown = (math.nan,) * 3
     numbers = *pose.orientation, *(pose.position_m or unknown), *(pose.direction or unknown)
     return np.array(
@@ -233,18 +233,18 @@ def packed_pose(pose: RelativePose) -> bytes:
 
 
 def unpacked_pose(stored: bytes) -> RelativePose:
-    """Return a relative pose that was stored; ValueError or TypeError if it is none."""
+    """Return a stored relative pose; ValueError or TypeError if it is invalid."""
     numbers = np.frombuffer(stored, '<f8')
     if len(numbers) != _NUMBERS or not np.isfinite([*numbers[:4], *numbers[10:]]).all():
         raise ValueError('a relative pose that is none')
     x, y, z, w = numbers[:4].tolist()
-    if abs(math.hypot(x, y, z, w) - 1) > _OFF_UNIT:
+    if abs(math.hypot(x, y, z, w) - 1) > _TOLERANCE:
         raise ValueError('a relative pose that is not turned')
     covariance = np.zeros((6, 6))
     covariance[_UPPER] = numbers[10:31]
     covariance.T[_UPPER] = numbers[10:31]
     position, direction = (
-        vector(some) if np.isfinite(some).all() else None for some in numbers[4:10].reshape(2, 3)
+        vector(row) if np.isfinite(row).all() else None for row in numbers[4:10].reshape(2, 3)
     )
     inliers, explains = int(numbers[31]), bool(numbers[32])
     return RelativePose((x, y, z, w), position, direction, covariance, inliers, explains)

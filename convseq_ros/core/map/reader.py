@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reading a map file: what is held in memory at once, and the rest on demand."""
+"""Reading a map file: the places' numbers at once, pictures on demand."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -24,10 +24,10 @@ from convseq_ros.core.map.place import NO_CELLS, Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
 
-_ROWS_AT_ONCE = 2048  # of `places`, for some MB of memory
+_ROWS_AT_ONCE = 2048  # rows of `places` in a query, some MB of memory
 _BYTES_A_NUMBER = 2  # of the cells
-_LINKS_AT_ONCE = 8192  # rows, for some MB of memory
-_PICTURES_AT_ONCE = 64  # for a statement; with images, some 20 MB
+_LINKS_AT_ONCE = 8192  # rows in a query, some MB of memory
+_PICTURES_AT_ONCE = 64  # in a query; with images, some 20 MB
 
 
 def open_map(
@@ -38,8 +38,8 @@ def open_map(
     """
     Open a map, with settings and errors as for `MapReader`.
 
-    Cells and thumbnails are read when they are asked for, and found damaged then; so the file must
-    stay where it is while the map is used.
+    Cells and thumbnails are read and checked on demand, so the file must stay in place while the
+    map is used.
     """
     return MapReader(Path(path), encoding, keyframes).reference_map()
 
@@ -48,10 +48,10 @@ class MapReader:
     """
     A map file that is open for reading; any thread may read.
 
-    The file is not changed. If a crash left it with a journal, a copy is mended and read. Without
-    an `encoding` of queries, or the `keyframes` that will be added, the map's own are taken.
+    The file is not changed. If a crash left it with a journal, a repaired copy is read. `encoding`
+    is that of the queries, `keyframes` the spacing of places to add; both default to the map's.
     MapError if the file is missing, foreign, damaged, of another format or made with other
-    settings; later, if it is damaged where it is read then.
+    settings; reading on demand raises it if that part is damaged.
     """
 
     def __init__(
@@ -66,24 +66,23 @@ class MapReader:
             self._database.check(path)
             self._about = {name: value for name, value, _ in self._database.sound('about')}
             self.settings = Settings.of_rows(self._about)
-        own = self.settings.encoding
-        asked = with_mask_read(encoding or own)
-        if reason := self.settings.refused(asked, keyframes):
+        stored = self.settings.encoding
+        requested = with_mask_read(encoding or stored)
+        if reason := self.settings.refused(requested, keyframes):
             raise MapError(f'{path}: {reason}')
-        self.encoding = replace(
-            asked, resize=own.resize, image_mask=own.image_mask, keeps_cells=own.keeps_cells
-        )
+        kept = {name: getattr(stored, name) for name in ('resize', 'image_mask', 'keeps_cells')}
+        self.encoding = replace(requested, **kept)
         self.keyframes = keyframes or self.settings.keyframes
         self._cell_shape = cell_shape(self.encoding.image_size_px)
 
     def _open(self) -> None:
         self._database = open_to_read(self._path)
-        # A thread may still read when the process ends; what is only read needs no closing.
+        # Not at exit: another thread may still read then, and a reader need not close the file.
         weakref.finalize(self, self._database.close).atexit = False
 
     @contextmanager
     def released(self) -> Iterator[None]:
-        """Let go of the file, so that it may be kept in another way; who reads waits."""
+        """Close the file for a block that changes its journal mode; readers wait."""
         with explained(self._path), self._lock:
             self._database.close()
             try:
@@ -92,54 +91,54 @@ class MapReader:
                 self._open()
 
     def __len__(self) -> int:
-        with self._at_one_moment():
+        with self._snapshot():
             return self._end()
 
     def about(self) -> dict[str, Any]:
-        """Return what the file says about itself, and what pictures it holds."""
-        found = {'thumbnails': 0, 'images': 0, 'image_bytes': 0, 'depths': 0}
-        with self._at_one_moment():
+        """Return the rows of `about`, and the numbers of thumbnails, images and depths."""
+        counts = {'thumbnails': 0, 'images': 0, 'image_bytes': 0, 'depths': 0}
+        with self._snapshot():
             for start in range(0, self._end(), _ROWS_AT_ONCE):
-                some = f'WHERE reference_index BETWEEN {start} AND {start + _ROWS_AT_ONCE - 1}'
-                for name, what in (
+                block = f'WHERE reference_index BETWEEN {start} AND {start + _ROWS_AT_ONCE - 1}'
+                for name, query in (
                     ('thumbnails', 'count(nullif(length(thumbnail), 0)) FROM pictures'),
                     ('images', 'count(jpeg) FROM images'),
                     ('image_bytes', 'coalesce(sum(length(jpeg)), 0) FROM images'),
                 ):
-                    found[name] += self._database.number(f'SELECT {what} {some}')
-            found['depths'] = self._database.number('SELECT count(*) FROM depths')
-        return {**self._about, **found}
+                    counts[name] += self._database.number(f'SELECT {query} {block}')
+            counts['depths'] = self._database.number('SELECT count(*) FROM depths')
+        return {**self._about, **counts}
 
     def reference_map(self) -> ReferenceMap:
-        """Return the map, with what is held in memory of its places, checked."""
-        with self._at_one_moment():
+        """Return the map; the numbers of its places and its links are read and checked now."""
+        with self._snapshot():
             rows = self._database.sound('sessions')
             sessions = [MapSession.of_row(row[1:-1]) for row in rows]
             if [row[0] for row in rows] != [*range(len(rows))]:
                 raise ValueError('a session is missing')
             places = Places(vector_length(self.encoding), self._end())
             kept = 'depths', 'images WHERE jpeg IS NOT NULL'
-            keeps_images = any(self._database.rows(f'SELECT 1 FROM {one} LIMIT 1') for one in kept)
-            next_ones = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
-            while rows := self._database.sound('places', next_ones, (len(places), _ROWS_AT_ONCE)):
-                start, of = len(places), [row[-3] for row in rows]
+            keeps_images = any(self._database.rows(f'SELECT 1 FROM {it} LIMIT 1') for it in kept)
+            next_rows = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
+            while rows := self._database.sound('places', next_rows, (len(places), _ROWS_AT_ONCE)):
+                start, numbers = len(places), [row[-3] for row in rows]
                 expected = range(start, start + len(rows))
                 if missing := [*{*expected}.difference(row[0] for row in rows)]:
                     raise ValueError(f'reference {min(missing)} is missing')
                 if foreign := [row[0] for row in rows if not 0 <= row[-3] < len(sessions)]:
                     raise ValueError(f'reference {foreign[0]} is of no session')
-                of = [places[start - 1].session, *of] if start else of
-                if of != sorted(of):
+                numbers = [places[start - 1].session, *numbers] if start else numbers
+                if numbers != sorted(numbers):
                     raise ValueError('places of one session lie apart')
                 places.extend(self._with_vectors(rows))
             settings = self.encoding, places, self.pictures, self.keyframes
-            made = ReferenceMap(*settings, self.settings.map_id, sessions)
-            made.keeps_images = keeps_images
-            _read_links(self._database, self._path, made)
-        return made
+            reference_map = ReferenceMap(*settings, self.settings.map_id, sessions)
+            reference_map.keeps_images = keeps_images
+            _read_links(self._database, self._path, reference_map)
+        return reference_map
 
     def _with_vectors(self, rows: Rows) -> Rows:
-        """Return rows of `places` in order, with the model's vectors, if these are asked for."""
+        """Return rows of `places`, with the model's vectors as descriptors if they are used."""
         if not (self.encoding.descriptor_model and self.encoding.keeps_cells):
             return rows
         first, last = rows[0][0], rows[-1][0]
@@ -148,72 +147,73 @@ class MapReader:
         )
         if [row[0] for row in vectors] != [row[0] for row in rows]:
             raise ValueError(f'a vector of references {first} to {last} is missing')
-        return [(*row[:-2], own[1], row[-1]) for row, own in zip(rows, vectors, strict=True)]
+        return [(*row[:-2], vector[1], row[-1]) for row, vector in zip(rows, vectors, strict=True)]
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
-        """Return what is large of places, in the order asked for, checked; images if wanted."""
-        # One transaction for many: what a read costs is mostly the lock on the file.
-        wanted, found = [*dict.fromkeys(indices)], dict[int, Picture]()
-        with self._at_one_moment():
+        """Return the checked pictures of places in the order of `indices`, images if wanted."""
+        # One transaction for all: most of the time of a read is spent on the file's lock.
+        wanted, pictures = [*dict.fromkeys(indices)], dict[int, Picture]()
+        with self._snapshot():
             for start in range(0, len(wanted), _PICTURES_AT_ONCE):
-                some = wanted[start : start + _PICTURES_AT_ONCE]
-                stored = self._of_places('pictures', some)
-                images = self._of_places('images', some) if with_images else {}
-                depths = self._of_places('depths', some, are_all=False) if with_images else {}
-                for index in some:
+                block = wanted[start : start + _PICTURES_AT_ONCE]
+                stored = self._of_places('pictures', block)
+                images = self._of_places('images', block) if with_images else {}
+                depths = self._of_places('depths', block, are_all=False) if with_images else {}
+                for index in block:
                     cells, thumbnail = stored[index]
                     packed = NO_CELLS
                     if self.encoding.keeps_cells:
                         packed = decode_cells(cells, self._cell_shape)
-                    beside = *images.get(index, (None,)), *depths.get(index, (None,))
-                    found[index] = Picture(packed, thumbnail, *beside)
-        return [found[index] for index in indices]
+                    optional = *images.get(index, (None,)), *depths.get(index, (None,))
+                    pictures[index] = Picture(packed, thumbnail, *optional)
+        return [pictures[index] for index in indices]
 
     def _of_places(
         self, table: str, indices: list[int], are_all: bool = True
     ) -> dict[int, tuple[Any, ...]]:
-        some = f'WHERE reference_index IN ({", ".join("?" * len(indices))})'
-        found = {row[0]: row[1:-1] for row in self._database.sound(table, some, tuple(indices))}
-        if are_all and (missing := [index for index in indices if index not in found]):
+        """Return rows of a table by index; ValueError if one is missing and `are_all`."""
+        where = f'WHERE reference_index IN ({", ".join("?" * len(indices))})'
+        rows = {row[0]: row[1:-1] for row in self._database.sound(table, where, tuple(indices))}
+        if are_all and (missing := [index for index in indices if index not in rows]):
             raise ValueError(f'reference {missing[0]} is missing')
-        return found
+        return rows
 
     def _end(self) -> int:
-        """Return the number of places; ValueError if a table, or the file's size, says less."""
-        last = '(SELECT coalesce(max(reference_index), -1) + 1 FROM {})'
-        all_ends = ', '.join(last.format(table) for table in ('places', 'pictures', 'images'))
-        ((end, *others),) = self._database.rows(f'SELECT {all_ends}')
+        """Return the number of places; ValueError if a table or the file is too small for it."""
+        end_of = '(SELECT coalesce(max(reference_index), -1) + 1 FROM {})'
+        ends = ', '.join(end_of.format(table) for table in ('places', 'pictures', 'images'))
+        ((end, *others),) = self._database.rows(f'SELECT {ends}')
         if others != [end, end]:
             raise ValueError(f'reference {min(end, *others)} is missing')
         pages, page_bytes = map(self._database.number, ('PRAGMA page_count', 'PRAGMA page_size'))
         size = pages * page_bytes
-        kept = self.encoding.keeps_cells
-        bytes_each = math.prod(self._cell_shape) * _BYTES_A_NUMBER if kept else 1
-        if end * bytes_each > size:
+        has_cells = self.encoding.keeps_cells
+        place_bytes = math.prod(self._cell_shape) * _BYTES_A_NUMBER if has_cells else 1
+        if end * place_bytes > size:
             raise ValueError(f'{end} places in {size} bytes')
         return int(end)
 
     @contextmanager
-    def _at_one_moment(self) -> Iterator[None]:
+    def _snapshot(self) -> Iterator[None]:
         with explained(self._path), self._lock, self._database.transaction():
             yield
 
 
 def _read_links(database: Database, path: Path, reference_map: ReferenceMap) -> None:
-    """Add its links to a map; its `problem` says how many are damaged, and left out."""
+    """Add the stored links to a map; damaged ones are left out and reported in its `problem`."""
     start, count = 0, len(reference_map)
-    off = f'SELECT count(*) FROM links WHERE place < 0 OR place >= {count}'
-    asked = f'SELECT * FROM links WHERE place >= ? AND place < {count} ORDER BY place LIMIT ?'
+    foreign = f'SELECT count(*) FROM links WHERE place < 0 OR place >= {count}'
+    query = f'SELECT * FROM links WHERE place >= ? AND place < {count} ORDER BY place LIMIT ?'
     try:
-        left_out = database.number(off)
-        while rows := database.rows(asked, (start, _LINKS_AT_ONCE)):
+        left_out = database.number(foreign)
+        while rows := database.rows(query, (start, _LINKS_AT_ONCE)):
             places = [row[0] for row in rows]
             if places[0] < start or places != sorted({*places}):
                 raise sqlite3.DatabaseError('a damaged page leads to others, perhaps in a circle')
             left_out += _add_links(reference_map.links, rows)
             start = places[-1] + 1
     except sqlite3.DatabaseError:
-        database.roll_back()  # what was read before is sound
+        database.roll_back()  # the links that were read before are valid
         problem = f'the links of places from {start} on are damaged'
     else:
         problem = f'{left_out} links are damaged' if left_out else ''
@@ -222,7 +222,7 @@ def _read_links(database: Database, path: Path, reference_map: ReferenceMap) -> 
 
 
 def _add_links(links: Links, rows: Rows) -> int:
-    """Add links of stored rows, in order; return how many are damaged."""
+    """Add the links of stored rows in order; return how many rows are damaged."""
     damaged = 0
     for place, other, anchor, confidence, inliers, relative, crc32 in rows:
         try:
@@ -231,11 +231,11 @@ def _add_links(links: Links, rows: Rows) -> int:
             if other is None:
                 links.add_first(place)
                 continue
-            whole = all(type(one) is int for one in (other, anchor, inliers or 0))
-            if not whole or not 0 <= anchor <= other or not 0 <= (confidence or 0) <= 1:
+            are_integers = all(type(value) is int for value in (other, anchor, inliers or 0))
+            if not are_integers or not 0 <= anchor <= other or not 0 <= (confidence or 0) <= 1:
                 raise ValueError('a link that cannot be')
-            measured = None if relative is None else unpacked_pose(relative)
-            links.add(place, other, confidence, inliers, measured, anchor)
+            pose = None if relative is None else unpacked_pose(relative)
+            links.add(place, other, confidence, inliers, pose, anchor)
         except (TypeError, ValueError):
             damaged += 1
     return damaged

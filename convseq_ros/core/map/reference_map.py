@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The reference map: places in the order in which they were driven past."""
+"""The reference map: places in the order in which the robot passed them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -41,16 +41,16 @@ ReadPictures = Callable[[Sequence[int], bool], list[Picture]]
 
 class ReferenceMap:
     """
-    Places and their cells, index by index.
+    Places and their cells, by index.
 
-    Cells are held as they are stored, in half precision, so that a map answers alike before it is
-    saved and after it is opened. Those in a file are read when they are asked for, and not
-    remembered; MapError if they are damaged. One thread may add places while others read: what has
-    an index is complete. A place takes 0.7 kB of memory, and 16 kB more until it is stored.
-    `keyframes` say how far apart places are, and with them the frames that are matched. `map_id`
-    is a UUID, a new one for a map that is not read from a file; `sessions` begin with a place;
-    `links` say which places show the same. Of images and depths, read only if it `keeps_images`,
-    `unreadable` is how many could not be decoded, and `unreadable_why` why not the last.
+    Cells are held in half precision, as in a file, so that a map gives the same answers before it
+    is saved and after it is opened. Cells in a file are read on demand and not cached; MapError if
+    they are damaged. One thread may add places while others read: a place gets its index when it
+    is complete. A place takes 0.7 kB of memory, and 16 kB more until it is stored. `keyframes` is
+    the spacing of places and of matched frames. `map_id` is a UUID, a new one unless the map is
+    read from a file; `links` connect places that show the same scene. Images and depths are read
+    only if `keeps_images`; `unreadable` counts those that could not be decoded, and
+    `unreadable_why` explains the last of them.
     """
 
     def __init__(
@@ -69,11 +69,11 @@ class ReferenceMap:
         self._read_pictures, self._stored = read_pictures, len(self.places)
         self._in_memory: list[Picture] = []
         self._moving = Lock()
-        # Where the camera was on the robot, of sessions that do not know; None: where it is now.
+        # Mount of the camera in sessions that have none; None: that of the query's camera.
         self.usual_mount: Pose | None = None
         self.links = Links(self.bounds.around)
-        self.problem = ''  # in one line: what is wrong with the file, and can be done without
-        self.keeps_images = read_pictures is not None  # or depths; at least, there may be some
+        self.problem = ''  # one line about damage that does not prevent the use of the map
+        self.keeps_images = read_pictures is not None  # whether there may be images or depths
         self.unreadable, self.unreadable_why = 0, ''
 
     def __len__(self) -> int:
@@ -86,12 +86,12 @@ class ReferenceMap:
 
     @property
     def is_linked(self) -> bool:
-        """Whether every place was looked up in what came before it."""
-        return self.links.known >= len(self)
+        """Whether every place was looked up among the earlier ones."""
+        return self.links.looked_up_count >= len(self)
 
     @property
     def global_descriptors(self) -> Halves:
-        """Of all places, shape (R, n); not to be written to."""
+        """The global descriptors of all places, (R, n); do not write to them."""
         return self.places.descriptors.view
 
     def add_frame(
@@ -101,7 +101,7 @@ class ReferenceMap:
         thumbnail_width_px: int = 0,
         keep_images_px: int = 0,
     ) -> None:
-        """Append the place that a frame shows: the one way from a frame to a place."""
+        """Append a place made from a frame and its descriptor."""
         if not self.sessions:
             self.begin_session(frame.stamp_ns, frame.camera)
         place = Place(frame.stamp_ns, frame.source, frame.pose, len(self.sessions) - 1)
@@ -109,47 +109,47 @@ class ReferenceMap:
         if (gray := frame.gray) is not None:
             small, image = thumbnail(gray, thumbnail_width_px), kept_image(gray, keep_images_px)
             depths = packed_depths(frame.depth_m, gray.shape, self.cell_shape[0])
-        packed, known = pack_cells(descriptor.cells), descriptor.vector
+        packed, vector = pack_cells(descriptor.cells), descriptor.vector
         if not self.encoding.keeps_cells:
-            known = global_descriptor(unpack_cells(packed)) if known is None else known
+            vector = global_descriptor(unpack_cells(packed)) if vector is None else vector
             packed = NO_CELLS
-        self.add(place, packed, small, known, image, depths)
+        self.add(place, packed, small, vector, image, depths)
 
     def add(
         self,
         place: Place,
         packed: Halves,
         thumbnail: bytes = b'',
-        known_descriptor: npt.ArrayLike | None = None,
+        descriptor: npt.ArrayLike | None = None,
         image: bytes | None = None,
         depths: bytes | None = None,
     ) -> None:
-        """Append a place, with its global descriptor (n,), unless its cells tell that."""
+        """Append a place; its global descriptor (n,) is computed from the cells by default."""
         shape, dtype = packed.shape, packed.dtype
         expected = self.cell_shape if self.encoding.keeps_cells else NO_CELLS.shape
         if shape != expected or dtype != np.float16:
             raise ValueError(f'expected {expected} float16, got {shape} {dtype}')
-        if known_descriptor is None:
+        if descriptor is None:
             if self.encoding.descriptor_model or not self.encoding.keeps_cells:
                 raise ValueError('expected the vector of the place, got None')
-            known_descriptor = global_descriptor(unpack_cells(packed))
+            descriptor = global_descriptor(unpack_cells(packed))
         if not self.sessions:
             self.begin_session(place.stamp_ns)
         self.keeps_images |= image is not None or depths is not None
         self._in_memory.append(Picture(packed, thumbnail, image, depths))
-        self.places.append(place, known_descriptor)
+        self.places.append(place, descriptor)
 
     def begin_session(
         self, start_ns: int, camera: Camera | None = None, name: str = '', frame: str | None = None
     ) -> None:
-        """Have what is added from now on belong to another drive, which begins at a stamp."""
+        """Begin a session, to which the places added from now on belong."""
         self.sessions.append(MapSession(str(uuid4()), name, start_ns, camera, frame))
 
     def camera_of(self, index: int, query: Camera) -> Camera:
-        """Return what took a place; as far as its session does not know it, what takes a query."""
-        known = self.sessions[self.places[index].session].camera
-        mount = (known and known.mount) or self.usual_mount or query.mount
-        return replace(known or query, mount=mount)
+        """Return the camera of a place; what its session lacks comes from the query's camera."""
+        camera = self.sessions[self.places[index].session].camera
+        mount = (camera and camera.mount) or self.usual_mount or query.mount
+        return replace(camera or query, mount=mount)
 
     def packed(self, index: int) -> Halves:
         """Return the packed cells of a place."""
@@ -160,35 +160,35 @@ class ReferenceMap:
         return unpack_cells(self.packed(index))
 
     def packed_of(self, indices: Sequence[int]) -> list[Packed]:
-        """Return the packed cells of several places, which are read in one go."""
-        return [one.packed for one in self.pictures(indices)]
+        """Return the packed cells of several places, read together."""
+        return [picture.packed for picture in self.pictures(indices)]
 
     def thumbnail(self, index: int) -> bytes:
-        """Return the JPEG of a place, empty if it has none."""
+        """Return the thumbnail of a place, a JPEG; empty if it has none."""
         return self.pictures([index])[0].thumbnail
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
-        """Return what is large of places; those that are stored are read in one go."""
-        count, indices = len(self), [int(index) for index in indices]  # SQLite has none of NumPy
+        """Return the pictures of places; those in the file are read together."""
+        count, indices = len(self), [int(index) for index in indices]  # SQLite refuses NumPy's
         for index in indices:
             if not 0 <= index < count:
                 raise IndexError(f'reference {index} of {count}')
         with self._moving:
             stored, read = self._stored, self._read_pictures
-            found = {one: self._in_memory[one - stored] for one in indices if one >= stored}
-        missing = [index for index in indices if index not in found]
+            pictures = {at: self._in_memory[at - stored] for at in indices if at >= stored}
+        missing = [index for index in indices if index not in pictures]
         if read and missing:
-            found.update(zip(missing, read(missing, with_images), strict=True))
-        return [found[index] for index in indices]
+            pictures.update(zip(missing, read(missing, with_images), strict=True))
+        return [pictures[index] for index in indices]
 
     def image(self, index: int, max_mpx: float) -> Gray | None:
         """Return the image of a place; None if none was kept, or it cannot be decoded."""
-        return self._decoded('image', index, lambda one: used_image(one.image, max_mpx))
+        return self._decoded('image', index, lambda kept: used_image(kept.image, max_mpx))
 
     def depths(self, index: int) -> Depths | None:
-        """Return the depths of a place's regions; None if none are known, or they are damaged."""
+        """Return the depths of a place's regions; None if there are none, or they are damaged."""
         cells = self.cell_shape[0]
-        return self._decoded('depth', index, lambda one: unpacked_depths(one.depths, cells))
+        return self._decoded('depth', index, lambda kept: unpacked_depths(kept.depths, cells))
 
     def _decoded(self, what: str, index: int, decode: Callable[[Picture], Any]) -> Any:
         try:
@@ -199,7 +199,7 @@ class ReferenceMap:
             return None
 
     def evict(self, count: int, read_pictures: ReadPictures) -> None:
-        """Rely on what is stored of the first places, instead of holding it in memory."""
+        """Release the pictures of the first `count` places, which `read_pictures` can read now."""
         with self._moving:
             del self._in_memory[: max(0, count - self._stored)]
             self._stored, self._read_pictures = count, read_pictures

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writing a map file: append-only, a transaction at a time."""
+"""Writing a map file: places are only appended, in transactions."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -24,20 +24,20 @@ from convseq_ros.core.types import Halves
 from convseq_ros.errors import MapError
 from convseq_ros.regular_file import complete_or_absent
 
-_AT_ONCE = 64  # places that are read in one go: 1 MB, and more with images
+_AT_ONCE = 64  # places that are read together: 1 MB, more with images
 
-Progress = Callable[[Sequence[int]], Iterable[int]]  # yields what it is given, and shows how far
+Progress = Callable[[Sequence[int]], Iterable[int]]  # yields its items, and shows the progress
 
 
 class MapWriter:
     """
     Appends places to a map file; use it as a context manager.
 
-    They are safe on disk after `commit`, which counts them in `committed`, and at the end of work
-    that was not interrupted. A file is made in one transaction, so that none is half made; an
-    empty one is no map yet, and a map without places may be made anew. One program at a time may
-    write, who holds the `MapLock`. `append` says whether there must be a map; None takes one, or
-    makes it, as `is_new` tells. A new one has a `map_id`, a UUID, by default its own.
+    Places are safe on disk after `commit`, which updates `committed`; so they are when the context
+    ends without an error. A file is made in one transaction, so it is complete or empty; an empty
+    file or a map without places may be made again. Hold the `MapLock` while writing. With
+    `append`, the map must exist; with None it is made if missing, and `is_new` is True then. A new
+    map gets the `map_id`, or by default a new UUID.
 
     MapError if a new map exists already, or an existing one is missing, foreign, damaged or made
     with other settings; later, if the disk is full.
@@ -51,7 +51,7 @@ class MapWriter:
         append: bool | None = False,
         map_id: str = '',
     ) -> None:
-        self._path, self.linked = path, 0  # rows of the links of the map that is appended
+        self._path, self.linked = path, 0  # `linked`: rows of links of the source already written
         if append and not path.is_file():
             raise MapError(f'{path}: no such map to add to')
         with explained(path):
@@ -68,7 +68,7 @@ class MapWriter:
                 raise
 
     def _make(self, settings: Settings, append: bool | None) -> bool:
-        """Make the file, unless it is a map that may be there; return whether it was made."""
+        """Make the file unless it is a map to append to; return whether it was made."""
         if self._database.number('PRAGMA page_count'):
             if append is not False:
                 return False
@@ -97,11 +97,11 @@ class MapWriter:
         index, descriptor = self._count, global_descriptor.astype('<f2').tobytes()
         encoding, vector = self.reader.encoding, descriptor
         has_both = bool(encoding.descriptor_model) and encoding.keeps_cells
-        if has_both:  # what is built in stays, for who has no model
+        if has_both:  # the built-in descriptor, for use without the model
             descriptor = built_in(unpack_cells(picture.packed)).astype('<f2').tobytes()
-        where = place.stamp_ns, place.source, *place.pose_numbers, place.session
+        numbers = place.stamp_ns, place.source, *place.pose_numbers, place.session
         cells = picture.packed.astype('<f2').tobytes()
-        self._insert('places', index, *where, descriptor)
+        self._insert('places', index, *numbers, descriptor)
         self._insert('pictures', index, cells, picture.thumbnail)
         self._insert('images', index, picture.image)
         if picture.depths is not None:
@@ -111,19 +111,19 @@ class MapWriter:
         self._count += 1
 
     def add_session(self, session: MapSession) -> None:
-        """Append a session, of which places may be."""
+        """Append a session."""
         self._insert('sessions', self._sessions, *session.row)
         self._sessions += 1
 
     def append(self, reference_map: ReferenceMap, end: int) -> None:
-        """Append what is not here yet of a map: sessions, places up to before `end`, links."""
+        """Append the new sessions, places (up to `end`, exclusive) and links of a map."""
         for session in reference_map.sessions[self._sessions :]:
             self.add_session(session)
         while (start := self._count) < end:
-            some = range(start, min(start + _AT_ONCE, end))
-            pictures = reference_map.pictures(some, with_images=True)
+            indices = range(start, min(start + _AT_ONCE, end))
+            pictures = reference_map.pictures(indices, with_images=True)
             descriptors = reference_map.global_descriptors
-            for index, picture in zip(some, pictures, strict=True):
+            for index, picture in zip(indices, pictures, strict=True):
                 self.add(reference_map.places[index], picture, descriptors[index])
         if rows := reference_map.links.since(self.linked, self._count):
             with explained(self._path):
@@ -133,7 +133,7 @@ class MapWriter:
             self.linked += len(rows)
 
     def copy(self, reference_map: ReferenceMap, end: int) -> None:
-        """Append and commit; of all that, nothing is done if it fails."""
+        """Append and commit; do neither if it fails."""
         before = self._sessions, self.linked
         try:
             self.append(reference_map, end)
@@ -144,13 +144,13 @@ class MapWriter:
             raise
 
     def commit(self) -> None:
-        """Make what was added safe."""
+        """Make all added places safe on disk."""
         with explained(self._path):
             self._database.commit()
         self.committed = self._count
 
     def write_ahead(self) -> None:
-        """Have no reader wait for a commit until `journal`, where that is possible."""
+        """Use a write-ahead log until `journal`, if possible, so that readers need not wait."""
         with self.reader.released():
             try:
                 self._database.write_ahead()
@@ -159,17 +159,17 @@ class MapWriter:
                 self._database = open_to_write(self._path)
 
     def settle(self) -> None:
-        """Have the file alone hold all that was committed, soon, if it was written ahead."""
-        with suppress(sqlite3.Error):  # it is safe; if the disk fails, the next commit says so
+        """Move commits from the write-ahead log to the file, if there is a log."""
+        with suppress(sqlite3.Error):  # the log is safe; the next commit reports a failing disk
             self._database.settle()
 
     def journal(self) -> None:
-        """Have the file alone hold all, with nothing beside it."""
+        """Move all commits to the file, and remove the write-ahead log."""
         with self.reader.released():
             self._database.journal()
 
     def close(self) -> None:
-        """Close the file without a commit."""
+        """Close the file; what was not committed is lost."""
         self._database.close()
 
     def __enter__(self) -> Self:
@@ -188,9 +188,9 @@ def save_map(
     refuse: Callable[[], None] = lambda: None,
 ) -> None:
     """
-    Write a map as it is now, replacing a file in one step, or, with a MapError, not at all.
+    Write a map to a file, which is replaced in one step; MapError if that fails.
 
-    Nobody else changes the file from when on `refuse` is called, which may raise a MapError.
+    `refuse` is called when the map is locked, and may raise a MapError to prevent the replacement.
     """
     settings, end = (reference_map.encoding, reference_map.keyframes), len(reference_map)
     with replaced(path) as part:
@@ -202,7 +202,7 @@ def save_map(
 
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """Give a name to make a map under, which replaces it at the end; MapError if it cannot."""
+    """Yield a temporary path; the map made there replaces a file at the end, or MapError."""
     target = path.resolve()
     with MapLock(path):
         try:
@@ -217,27 +217,27 @@ def replaced(path: Path) -> Iterator[Path]:
 
 
 def _delete_journal(path: Path) -> None:
-    """Delete what a crash left beside a file: it would be taken for what replaces the file."""
-    beside = [path.with_name(path.name + end) for end in BESIDE]
-    if any(one.exists() for one in beside):
+    """Delete the journals of a file before it is replaced: SQLite would apply them to the new."""
+    journals = [path.with_name(path.name + end) for end in BESIDE]
+    if any(journal.exists() for journal in journals):
         with suppress(MapError), explained(path), closing(open_to_write(path)) as database:
-            database.number('PRAGMA page_count')  # mends the file, if it can be
-        for one in beside:
-            one.unlink(missing_ok=True)
+            database.number('PRAGMA page_count')  # repairs the file if possible
+        for journal in journals:
+            journal.unlink(missing_ok=True)
 
 
 def write_links(database: Database, rows: Sequence[Row]) -> None:
-    """Write links, in a transaction that is begun."""
-    for place, one in rows:
+    """Write links in a transaction that is open already."""
+    for place, link in rows:
         row: tuple[object, ...] = (place, *(None,) * 5)
-        if one is not None:
-            relative = one.relative and packed_pose(one.relative)
-            row = place, one.other, one.anchor, one.confidence, one.inliers, relative
+        if link is not None:
+            relative = link.relative and packed_pose(link.relative)
+            row = place, link.other, link.anchor, link.confidence, link.inliers, relative
         database.insert('links', row, 'INSERT OR REPLACE')
 
 
 def _takes_links(database: Database) -> bool:
-    """Return whether a file takes further links: not if their table cannot be read."""
+    """Return whether the table of links is readable, so that links can be added."""
     try:
         return database.number('SELECT count(*) FROM links') >= 0
     except sqlite3.DatabaseError:
