@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The library of compiled kernels, C in `native`, which setup.py builds where it can."""
+"""The library of compiled kernels, written in C, which setup.py builds if there is a compiler."""
 
 from collections.abc import Callable
 import ctypes
@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-VERSION = 23  # of the kernels' arguments; native/cpu.c has the same
-# Kinds of processors that there are kernels for, best first; the two architectures share none.
+VERSION = 23  # of the kernels' arguments; native/cpu.c has the same number
+# Instruction sets with kernels, best first; the two architectures share none.
 VARIANTS = ('avx512', 'avxvnni', 'avx2', 'dotprod', 'neon')
 _FOLDER = Path(__file__).parent
-_OVERRIDE = 'CONVSEQ_KERNELS'  # environment: the kind of kernels to use, or numpy
+_OVERRIDE = 'CONVSEQ_KERNELS'  # environment variable: the variant to use, or numpy
 _REBUILD = 'install a C compiler (apt install gcc) and build convseq_ros again'
 
 SIZE, INT, FLOAT, DOUBLE = ctypes.c_ssize_t, ctypes.c_int, ctypes.c_float, ctypes.c_double
@@ -26,7 +26,7 @@ SIZE, INT, FLOAT, DOUBLE = ctypes.c_ssize_t, ctypes.c_int, ctypes.c_float, ctype
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """What was found: the kernels of one kind, or why there are none, with the remedy."""
+    """The kernels of one variant; or why there are none, with the remedy."""
 
     variant: str = ''
     problem: str = ''
@@ -35,22 +35,22 @@ class Library:
 
 @cache
 def library() -> Library:
-    """Return the kernels for this processor, or as CONVSEQ_KERNELS asks."""
-    asked, problem = os.environ.get(_OVERRIDE, ''), ''
-    if asked == 'numpy':
+    """Return the kernels for this processor, or those that CONVSEQ_KERNELS selects."""
+    requested, problem = os.environ.get(_OVERRIDE, ''), ''
+    if requested == 'numpy':
         return Library(problem=f'{_OVERRIDE} is numpy; unset it')
-    # Run from a clone, sources have no library beside them, but the installed package has one.
+    # The sources of a clone have no library beside them, but the installed package has one.
     installed = [Path(entry, *__name__.split('.')[:-1]) for entry in sys.path]
-    found = [path for folder in (_FOLDER, *installed) for path in folder.glob('_native*.so')]
-    # In a home that several machines share, the first may be of another kind of processors.
-    for path in dict.fromkeys(found):
-        if not (tried := _loaded(path, asked)).problem:
-            return tried
-        problem = problem or tried.problem
+    paths = [path for folder in (_FOLDER, *installed) for path in folder.glob('_native*.so')]
+    # In a home folder that several machines share, a library may be for another architecture.
+    for path in dict.fromkeys(paths):
+        if not (candidate := _load(path, requested)).problem:
+            return candidate
+        problem = problem or candidate.problem
     return Library(problem=problem or f'they were not built; {_REBUILD}')
 
 
-def _loaded(path: Path, asked: str) -> Library:
+def _load(path: Path, requested: str) -> Library:
     try:
         functions = ctypes.CDLL(str(path))
         version = functions.convseq_version()
@@ -58,25 +58,25 @@ def _loaded(path: Path, asked: str) -> Library:
         return Library(problem=f'{error}; {_REBUILD}')
     if version != VERSION:
         return Library(problem=f'{path} is of another release; {_REBUILD}')
-    told = [name for name in VARIANTS if _has(functions, name)]
-    there = [name for name in told if _works(functions, name)]
-    if asked and asked not in there:
-        known = ', '.join([*there, 'numpy'])
-        return Library(problem=f'{_OVERRIDE} is {asked}; this processor has {known}')
-    if told and not there:
-        return Library(problem=f'this processor says that it has {told[0]}, but has not')
-    if not there:
+    reported = [name for name in VARIANTS if _has(functions, name)]
+    usable = [name for name in reported if _works(functions, name)]
+    if requested and requested not in usable:
+        choices = ', '.join([*usable, 'numpy'])
+        return Library(problem=f'{_OVERRIDE} is {requested}; this processor has {choices}')
+    if reported and not usable:
+        return Library(problem=f'this processor says that it has {reported[0]}, but has not')
+    if not usable:
         return Library(problem='this processor has neither AVX2 nor NEON')
-    return Library(asked or there[0], '', functions)
+    return Library(requested or usable[0], '', functions)
 
 
 def _has(functions: Any, variant: str) -> bool:
-    tells = getattr(functions, f'convseq_has_{variant}', None)
-    return bool(tells and tells())
+    test = getattr(functions, f'convseq_has_{variant}', None)
+    return bool(test and test())
 
 
 def _works(functions: Any, variant: str) -> bool:
-    """Return whether kernels compute what they should: emulators may say more than is true."""
+    """Return whether a variant runs correctly: emulators may report support that they lack."""
     probe = ctypes.cast(functions[f'convseq_probe_{variant}'], ctypes.c_void_p)
     return not functions.convseq_tried(probe)
 
@@ -87,13 +87,13 @@ def available() -> bool:
 
 
 def slow_path() -> str:
-    """Return a line that says why NumPy computes all, and what to do about it; empty if not."""
+    """Return a line that explains why NumPy is used, with the remedy; empty if it is not."""
     problem = library().problem
     return problem and f'no compiled kernels, frames take about 5 times longer: {problem}'
 
 
 def kernels_of(package: str) -> Any:
-    """Return a package's `kernels`, or `numpy_kernels`, the same functions, if none are there."""
+    """Return a package's module `kernels`; without compiled kernels, its `numpy_kernels`."""
     return _module(f'{package}.{"kernels" if available() else "numpy_kernels"}')
 
 
@@ -101,13 +101,13 @@ _module = cache(import_module)
 
 
 class Array:
-    """The type of an argument: a C-contiguous array, or None; TypeError if another is given."""
+    """An argument type of a kernel: a C-contiguous array or None; else TypeError."""
 
     def __init__(self, dtype: np.dtype[Any]) -> None:
         self._dtype = dtype
 
     def from_param(self, given: Any) -> ctypes.c_void_p:
-        """Return its address."""
+        """Return the address of an array as an argument; a null pointer for None."""
         if given is None:
             return ctypes.c_void_p()
         if given.dtype != self._dtype or not given.flags.c_contiguous:
@@ -116,32 +116,32 @@ class Array:
 
 
 def address(given: Any) -> int:
-    """Return where the numbers of an array begin; quicker than its own `ctypes` tells."""
+    """Return the address of an array's data; faster than its attribute `ctypes`."""
     try:
         return ctypes.addressof(ctypes.c_char.from_buffer(given))
-    except (TypeError, ValueError):  # it may not be written to, or is empty
+    except (TypeError, ValueError):  # the array is read-only or empty
         return int(given.ctypes.data)
 
 
 def array(dtype: Any) -> Array:
-    """Return the type of an argument that is a C-contiguous array of numbers of a type."""
+    """Return the argument type of C-contiguous arrays with a data type."""
     return Array(np.dtype(dtype))
 
 
 def kernel(name: str, *arguments: Any) -> Callable[..., None]:
-    """Return a kernel by its name, given its arguments' types; it runs without Python's lock."""
+    """Return a kernel by its name and argument types; it runs without the interpreter's lock."""
 
     @cache
     def function() -> Any:
-        found = library().functions[f'convseq_{name}_{library().variant}']
-        found.argtypes, found.errcheck = arguments, _check
-        return found
+        compiled = library().functions[f'convseq_{name}_{library().variant}']
+        compiled.argtypes, compiled.errcheck = arguments, _check
+        return compiled
 
     def call(*given: Any) -> None:
         try:
             function()(*given)
         except ctypes.ArgumentError as error:
-            # ctypes says so of whatever comes up while it looks at an argument.
+            # ctypes turns every exception during the conversion of arguments into this one.
             if KeyboardInterrupt.__name__ in str(error):
                 raise KeyboardInterrupt from None
             raise
@@ -150,11 +150,9 @@ def kernel(name: str, *arguments: Any) -> Callable[..., None]:
 
 
 def numbers(name: str, count: int) -> list[int]:
-    """Return whole numbers that the kernels' kind tells of itself."""
-    told = (ctypes.c_int32 * count).in_dll(
-        library().functions, f'convseq_{name}_{library().variant}'
-    )
-    return list(told)
+    """Return the integers of a constant array that a kernel variant exports."""
+    symbol = f'convseq_{name}_{library().variant}'
+    return list((ctypes.c_int32 * count).in_dll(library().functions, symbol))
 
 
 def _check(result: int, function: Any, _arguments: Any) -> None:

@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The frame gate: which frames are keyframes, to be matched and to become places.
+The frame gate selects keyframes: the frames that are matched and become places.
 
-Glances tell what is surely near, in .1 ms; stamps tell how many frames of a steady stream were
-dropped.
+A near-duplicate test recognises most other frames in 0.1 ms. Gaps between the stamps of a steady
+stream show how many frames were dropped.
 """
 
 from collections import deque
@@ -24,18 +24,18 @@ from convseq_ros.core.types import constants, Descriptor, Gray, Pose, Reason
 
 @constants
 class GATE:
-    """Of the gate; engineering, not studied."""
+    """Constants of the gate; chosen by experience, not tuned."""
 
-    clock_jump_ns: int = 1_000_000_000  # back; by less, a frame is late
-    earliest: float = 0.9  # of an interval between keyframes: no camera keeps time exactly
-    turn_rad: float = math.tau / 20  # from where on a robot that turns on the spot moves
+    clock_jump_ns: int = 1_000_000_000  # a frame that is late by more means that the clock jumped
+    earliest: float = 0.9  # share of the interval between keyframes, as cameras are not exact
+    turn_rad: float = math.tau / 20  # smallest turn that counts as motion
 
 
-Order = Enum('Order', ['NEXT', 'LATE', 'JUMPED_BACK'])  # how a stamp follows those before it
+Order = Enum('Order', ['NEXT', 'LATE', 'JUMPED_BACK'])  # of a stamp after the ones before
 
 
 class StampOrder:
-    """Tells frames that come late from a clock that jumped back."""
+    """Distinguishes frames that come late from a clock that jumped back."""
 
     _last_ns: int | None = None
 
@@ -43,7 +43,7 @@ class StampOrder:
         self._last_ns = None
 
     def update(self, stamp_ns: int) -> Order:
-        """Take in a stamp, nanoseconds; one that is late is forgotten."""
+        """Return the order of the next stamp, nanoseconds; a late one is then forgotten."""
         late_ns = 0 if self._last_ns is None else self._last_ns - stamp_ns
         if 0 < late_ns <= GATE.clock_jump_ns:
             return Order.LATE
@@ -51,34 +51,34 @@ class StampOrder:
         return Order.JUMPED_BACK if late_ns > 0 else Order.NEXT
 
     def are_next(self, stamps_ns: Sequence[int]) -> bool:
-        """Return whether each of some stamps would be the next."""
+        """Return whether stamps would all be in order, each after the one before."""
         last = [] if self._last_ns is None else [self._last_ns]
         return all(earlier <= later for earlier, later in pairwise([*last, *stamps_ns]))
 
 
 class AnyOrder(StampOrder):
-    """Takes every frame as the next."""
+    """Treats every frame as the next, whatever its stamp."""
 
     def update(self, _stamp_ns: int) -> Order:
-        """Take in a stamp; whatever it is, nothing is late."""
+        """Return NEXT."""
         return Order.NEXT
 
 
 @constants
 class FRAME_DROPS:
-    """Of a steady stream; chosen by hand on recordings with known drops (docs/MATCHING.md)."""
+    """A steady stream; chosen by hand on recordings with known drops (docs/MATCHING.md)."""
 
-    memory: int = 20  # intervals that are remembered
-    fewest: int = 8  # intervals without which nothing is said
-    tolerance: float = 0.25  # by which an interval may miss a multiple of the usual one
-    steady_share: float = 0.8  # of the intervals that must be such multiples
+    memory: int = 20  # number of recent intervals in use
+    fewest: int = 8  # smallest number of intervals; with fewer, no drops are reported
+    tolerance: float = 0.25  # by which a multiple of the usual interval may be off
+    steady_share: float = 0.8  # smallest share of intervals that are multiples
 
 
 class FrameDropDetector:
     """
-    Knows the usual time between two frames, if most times are multiples of a short one.
+    Counts dropped frames, if most intervals between frames are multiples of a short one.
 
-    With a `memory` of fewer than 8 intervals nothing is said: no frame is missing.
+    With a `memory` of fewer than 8 intervals, no frame is ever reported as dropped.
     """
 
     def __init__(self, memory: int = FRAME_DROPS.memory) -> None:
@@ -91,7 +91,7 @@ class FrameDropDetector:
         self._frames, self._missing, self._stride = 0, 0, 1
 
     def update(self, stamp_ns: int) -> int:
-        """Take in a frame; return how many are missing between it and the one before."""
+        """Return how many frames were dropped between the frame before and this one."""
         missing, usual_ns = 0, self._usual_ns()
         if self._last_ns is not None:
             interval_ns = stamp_ns - self._last_ns
@@ -104,7 +104,7 @@ class FrameDropDetector:
         return missing
 
     def update_keyframe(self) -> int:
-        """Take the newest frame as a keyframe; return how many are missing, as far apart as it."""
+        """Make the newest frame a keyframe; return how many keyframes were dropped before it."""
         missing = self._missing // self._stride
         self._frames, self._missing, self._stride = 0, 0, max(1, self._frames)
         return missing
@@ -119,14 +119,14 @@ class FrameDropDetector:
 
 
 def near(pose: Pose, other: Pose, distance_m: float) -> bool:
-    """Return whether a pose is nearer than this to another, and turned by less than a 20th."""
+    """Return whether a pose is within a distance of another, and turned by less than 18°."""
     cosine = abs(sum(a * b for a, b in zip(pose.orientation, other.orientation, strict=True)))
     turn_rad = 2 * math.acos(min(cosine, 1.0))
     return math.dist(pose.position, other.position) < distance_m and turn_rad < GATE.turn_rad
 
 
 class Standstill:
-    """Compares each frame with the last that moved, so that creeping adds up."""
+    """Detects standstill by the last frame that moved, so that slow motion adds up."""
 
     def __init__(self, config: MotionConfig, by_image: bool, similarity: PaperSimilarity) -> None:
         self._config, self._similarity = config, similarity
@@ -142,7 +142,7 @@ class Standstill:
     def update(
         self, descriptor: Descriptor, pose: Pose | None, seen: Glance | None = None
     ) -> bool:
-        """Take in a frame; return whether it stands still; one that shows nothing moves."""
+        """Return whether the robot stands still at a frame; an uninformative frame moves."""
         if not descriptor.informative:
             return False
         if (still := self._by_pose(pose)) is None:
@@ -155,21 +155,21 @@ class Standstill:
         return still
 
     def is_sure(self, pose: Pose | None, seen: Glance | None) -> bool:
-        """Return whether it stands still whatever the frame shows in detail: by way or glance."""
+        """Return whether the robot surely stands still, by its pose or a near-duplicate test."""
         if not self.asks_for_image(pose):
             return bool(self._by_pose(pose))
         return self._apart(seen) < self._most_apart
 
     def _apart(self, seen: Glance | None) -> float:
-        """Return how far a glance is from that of the last that moved; NaN without one."""
+        """Return the distance of a glance from that of the last frame that moved, or NaN."""
         return math.nan if seen is None or self._seen is None else distance(seen, self._seen)
 
     def pass_over(self, pose: Pose | None, seen: Glance | None) -> None:
-        """Take in where a frame was that moved, and a glance of it, whatever else it shows."""
+        """Store the pose and glance of a frame that moved and is not described."""
         self._pose, self._seen = pose or self._pose, seen
 
     def asks_for_image(self, pose: Pose | None) -> bool:
-        """Return whether it takes what a frame shows to tell."""
+        """Return whether the image decides, because there is no pose to compare."""
         return self._by_image and self._by_pose(pose) is None
 
     def _by_pose(self, pose: Pose | None) -> bool | None:
@@ -180,15 +180,15 @@ class Standstill:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the gate says of a frame."""
+    """The gate's decision about a frame."""
 
-    reason: Reason | None  # why the frame is no keyframe; None for a keyframe
-    descriptor: Descriptor  # what it shows; blank where nobody had to look
+    reason: Reason | None  # why the frame is not a keyframe; None for a keyframe
+    descriptor: Descriptor  # of the frame; blank if it was not needed
     missing: int = 0  # keyframes that were dropped before it, by the stamps of a steady stream
 
 
 class FrameGate:
-    """Passes frames that are apart by scene, time and way, like a map's, while the robot moves."""
+    """Selects frames that differ enough in scene, time and pose, while the robot moves."""
 
     def __init__(
         self, config: Config, keyframes: KeyframeConfig, similarity: PaperSimilarity
@@ -207,7 +207,7 @@ class FrameGate:
         self._standstill.reset()
         self._drops.reset()
         self._glances.reset()
-        self._last_ns: int | None = None  # of the last keyframe, as the others
+        self._last_ns: int | None = None  # stamp of the last keyframe; pose and scene as well
         self._pose: Pose | None = None
         self._scene: Descriptor | None = None
 
@@ -218,13 +218,13 @@ class FrameGate:
         encode: Callable[[], Descriptor],
         gray: Gray | None = None,
     ) -> Verdict:
-        """Decide about the next frame; `encode` describes it, if nothing cheaper decides."""
+        """Return the verdict on the next frame; `encode` describes it if that is needed."""
         self._drops.update(stamp_ns)
         if not self._is_due(stamp_ns, pose):
             return Verdict(Reason.BETWEEN_KEYFRAMES, self._blank)
         seen = None if gray is None else glance(gray)
         still = self._standstill.is_sure(pose, seen)
-        # Where the scene decides, standing still is only told; by odometry it comes first.
+        # If scenes are compared, a still image does not decide yet: it may only set the reason.
         if still and not (self._by_scene and self._standstill.asks_for_image(pose)):
             return self._passed(still, pose, seen, self._blank)
         if self._by_scene and self._glances.is_sure(seen):
@@ -237,10 +237,10 @@ class FrameGate:
             if last is not None and self._overlap(descriptor, last, share) > share:
                 self._glances.update(seen, True)
                 return self._passed(still, pose, seen, descriptor)
-        # In the dark, noise alone may leave little overlap; it is the last keyframe all the same.
-        alike = self._standstill.update(descriptor, pose, seen)
-        self._glances.update(seen, alike)
-        if alike:
+        # In the dark, noise alone may leave little overlap with the last keyframe.
+        unchanged = self._standstill.update(descriptor, pose, seen)
+        self._glances.update(seen, unchanged)
+        if unchanged:
             return self._passed(still or not self._by_scene, pose, seen, descriptor)
         if self._by_scene:
             self._scene = descriptor

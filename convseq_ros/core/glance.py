@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The near-duplicate test: edges of small copies of two images tell whether they are alike."""
+"""The near-duplicate test: compares the edges of small copies of images, their glances."""
 
 from collections import deque
 
@@ -8,32 +8,32 @@ from convseq_ros.core.types import constants, Floats, Gray
 import cv2
 import numpy as np
 
-Glance = Floats  # (2, 48, 64) of length 1, hence the same in a dimmer light
+Glance = Floats  # (2, 48, 64), normalised to length 1, hence the same in dimmer light
 
-_AREA = cv2.INTER_AREA  # each pixel is the mean of those that it covers
+_AREA = cv2.INTER_AREA  # each pixel is the mean of the pixels that it covers
 
 
 @constants
 class GLANCE:
-    """Chosen on drawn drives of 30 frames a second, by day and night (docs/MATCHING.md)."""
+    """Chosen on drawn drives at 30 frames per second, by day and night (docs/MATCHING.md)."""
 
     width_px: int = 64
     height_px: int = 48
-    least_edge: float = 0.3  # root mean square, in roots of a grey level; of less, nothing is said
-    memory: int = 5  # frames that were found far lately
-    share: float = 0.9  # of the least distance that was safe lately, below which all is near
-    surprise: float = 0.7  # of that distance is safe if a far frame comes before any near one
-    beside: float = 0.25  # of that distance lies a frame at most from one that shows the same
-    # Twice the distance of any of 262 pairs of images that are 98.5 % alike: with noise, in 3 % to
-    # all of the light, up to 4 pixels apart.
+    least_edge: float = 0.3  # smallest RMS of edges, in roots of a grey level, for a glance
+    memory: int = 5  # number of recent safe distances in use
+    share: float = 0.9  # of the smallest recent safe distance: closer frames are near
+    surprise: float = 0.7  # of that distance is safe, if a far frame came without a near one
+    beside: float = 0.25  # of that distance from the furthest near frame: still near
+    # Twice the largest distance in 262 pairs of images with an overlap of 98.5 %: with noise, 3 %
+    # to 100 % of the light, and shifts of up to 4 pixels.
     moved: float = 0.7
-    still: float = 4.0  # distance by which frames differ at most, by how unlike they may be
+    still: float = 4.0  # largest distance of frames at standstill, times 1 - stationary_overlap
 
 
 def glance(gray: Gray) -> Glance | None:
     """Return the edges of a small copy of an image (H, W); None if there are hardly any."""
     size = width, height = GLANCE.width_px, GLANCE.height_px
-    # Halves are made four times as fast as other shares.
+    # Halving is four times as fast as other reductions.
     while min(gray.shape[0] // height, gray.shape[1] // width) >= 8 and not any(
         side % 2 for side in gray.shape
     ):
@@ -48,43 +48,43 @@ def glance(gray: Gray) -> Glance | None:
 
 
 def distance(seen: Glance, other: Glance) -> float:
-    """Return how far apart two glances are, in [0, 2]."""
+    """Return the distance of two glances, in [0, 2]."""
     return float(np.linalg.norm(seen - other))
 
 
 class NearnessByGlance:
     """
-    Tells by glances alone which frames a slower test would find near to the last far one.
+    Predicts by glances whether a slower test will find a frame near to the last far frame.
 
-    It learns from that test how far away frames are safely near; what nobody tested does not
-    count, so that it cannot grow by its own word.
+    It learns from results of the slower test within which distance frames are safely near. Its
+    predictions do not count as results, so errors cannot accumulate.
     """
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        self._last: Glance | None = None  # of the last far one
-        self._near: Glance | None = None  # of the furthest that was found near since
-        self._furthest = 0.0  # how far that is
-        self._safe = deque[float](maxlen=GLANCE.memory)
+        self._last: Glance | None = None  # of the last far frame
+        self._near: Glance | None = None  # of the furthest near frame since
+        self._furthest = 0.0  # distance between these two
+        self._safe = deque[float](maxlen=GLANCE.memory)  # distances
 
     def is_sure(self, seen: Glance | None) -> bool:
         """Return whether the slower test would surely find a frame near."""
         if seen is None or self._last is None or not self._safe:
             return False
-        found, safe = distance(seen, self._last), min(self._safe)
-        if found < GLANCE.share * safe or self._near is None:
-            return found < GLANCE.share * safe
-        return found <= self._furthest and distance(seen, self._near) < GLANCE.beside * safe
+        away, safe = distance(seen, self._last), min(self._safe)
+        if away < GLANCE.share * safe or self._near is None:
+            return away < GLANCE.share * safe
+        return away <= self._furthest and distance(seen, self._near) < GLANCE.beside * safe
 
     def update(self, seen: Glance | None, is_near: bool) -> None:
-        """Take in what the slower test says of a frame; a far one is what others are near to."""
+        """Learn from a result of the slower test; a far frame becomes the new reference."""
         if is_near:
             if seen is not None and self._last is not None:
-                found = distance(seen, self._last)
-                if found >= self._furthest:
-                    self._furthest, self._near = found, seen
+                away = distance(seen, self._last)
+                if away >= self._furthest:
+                    self._furthest, self._near = away, seen
             return
         if self._last is not None:
             surprise = GLANCE.surprise * min(self._safe, default=0.0)

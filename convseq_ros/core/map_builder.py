@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Building a map from frames, and linking one that is there: online mode, for the map alone."""
+"""Building a map from frames, and linking an existing map, both by means of online mode."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -19,24 +19,23 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Autosave, NoAutosave
 from convseq_ros.core.types import Descriptor, Frame, Match
 
-# Places are keyframes, one and all.
-_STILL = MotionConfig(stationary_overlap=1.0, stationary_m=0.0)
+# Never stationary: every place of a map is a keyframe.
+_NEVER_STILL = MotionConfig(stationary_overlap=1.0, stationary_m=0.0)
 
 
 class MapBuilder:
     """
-    Adds the keyframes among some frames to a map file; use it as a context manager.
+    Adds the keyframes among frames to a map file; use it as a context manager.
 
-    Places are those that online mode makes of the same frames; they are one session, which may
-    have a `name`, and its poses a `frame` that others share. What was added is safe after half a
-    second, and at the end, also when the work was interrupted. A new file is made unless `append`;
-    no path makes a map in memory. MapError if a new file exists already, an existing one is
-    missing, damaged, made with other settings or added to by another, or the disk is full.
+    The places are those that online mode makes of the same frames. They are one session, which
+    may have a `name`, and a reference `frame` of its poses. Places are safe on disk after half a
+    second, and at the end, even if the work is interrupted. A new file is made unless `append`;
+    without a path the map is in memory. MapError if a new file exists already, an existing one is
+    missing, damaged, made with other settings or in use by another program, or the disk is full.
 
-    Each place is recognised among those before it, as online mode does, for the map's `links`;
-    without them, or without cells, nothing is recognised. All keyframes are kept, unless there is
-    a limit of `max_looks`. `describe`, from an image to a vector, is the model of the map, if not
-    what is built in.
+    Each place is looked up among the earlier ones, as in online mode, for the map's `links`; not
+    without `links`, or without cells. All keyframes are kept unless `max_looks` limits the looks
+    of a place. `describe`, from an image to a vector, is the map's descriptor model, if any.
     """
 
     def __init__(
@@ -61,23 +60,24 @@ class MapBuilder:
         else:
             self._autosave = NoAutosave(ReferenceMap(encoding, keyframes=keyframes))
         self.reference_map = self._autosave.reference_map
-        self._recognizer = own = PlaceRecognizer(self.reference_map, config, describe=describe)
-        # Whatever the stamps say, it is one session.
-        own.order, own.mapping = AnyOrder(), OnlineMap(self.reference_map, config, name, frame)
-        own.only_maps = not (links and encoding.keeps_cells)
+        recognizer = PlaceRecognizer(self.reference_map, config, describe=describe)
+        recognizer.order = AnyOrder()  # all frames are one session, whatever their stamps
+        recognizer.mapping = OnlineMap(self.reference_map, config, name, frame)
+        recognizer.only_maps = not (links and encoding.keeps_cells)
+        self._recognizer = recognizer
 
     @property
     def added(self) -> int:
-        """Places that were added."""
+        """Number of places that were added."""
         return len(self.reference_map) - self._recognizer.mapping.session_start
 
     @property
     def removed(self) -> int:
-        """Places that went at the end, for the limit."""
+        """Number of places that were removed at the end because of `max_looks`."""
         return self._autosave.removed
 
     def process(self, frame: Frame) -> bool:
-        """Take in the next frame; return whether it became a place. Unreadable ones never do."""
+        """Process the next frame; return whether it became a place. Unreadable ones never do."""
         before = len(self.reference_map)
         self._recognizer.process(frame)
         self._autosave.save()
@@ -97,7 +97,7 @@ def build_map(
     links: bool = True,
     describe: Describe | None = None,
 ) -> ReferenceMap:
-    """Build a map of frames in order, in a new file or in memory alone; as `MapBuilder` does."""
+    """Build a map from frames in order, as `MapBuilder` does, in a new file or in memory."""
     file = Path(path) if path else None
     with MapBuilder(file, config, links=links, describe=describe) as builder:
         for frame in frames:
@@ -105,72 +105,72 @@ def build_map(
     return builder.reference_map
 
 
-def not_linked(whole: ReferenceMap) -> list[range]:
-    """Return the places of each session some of which were not looked up before, by cells."""
-    if not whole.encoding.keeps_cells:
+def not_linked(unlinked: ReferenceMap) -> list[range]:
+    """Return the places of each session with places not looked up yet; none without cells."""
+    if not unlinked.encoding.keeps_cells:
         return []
-    ends = pairwise([*whole.bounds.starts.tolist(), len(whole)])
-    return [range(*of) for of in ends if not all(map(whole.links.is_looked_up, range(*of)))]
+    links, ends = unlinked.links, pairwise([*unlinked.bounds.starts.tolist(), len(unlinked)])
+    return [range(*both) for both in ends if not all(map(links.is_looked_up, range(*both)))]
 
 
 def link_map(
-    whole: ReferenceMap, config: Config = Config(), sessions: Sequence[range] | None = None
+    unlinked: ReferenceMap, config: Config = Config(), sessions: Sequence[range] | None = None
 ) -> Iterator[int]:
     """
-    Look up the places of sessions, those `not_linked`, in what comes before them; yield each.
+    Look up the places of sessions among earlier places, and link them; yield each place's index.
 
-    It goes by what the map keeps of them, of which every region counts as salient; else it is what
-    online mode does on these drives. Others may use the map meanwhile.
+    By default these are the sessions `not_linked`. The results are those of online mode on the
+    same drives, except that every region of a stored place counts as salient. Other threads may
+    read the map meanwhile.
     """
-    sessions = not_linked(whole) if sessions is None else sessions
+    sessions = not_linked(unlinked) if sessions is None else sessions
     if not sessions:
         return
-    seen = _as_driven(whole)
+    driven = _as_driven(unlinked)
     online = replace(config.online, mode='online')
-    config = replace(config, encoding=seen.encoding, motion=_STILL, online=online)
-    recognizer, mapping = PlaceRecognizer(seen, config), _DrivenMap(seen, config)
+    config = replace(config, encoding=driven.encoding, motion=_NEVER_STILL, online=online)
+    recognizer, mapping = PlaceRecognizer(driven, config), _DrivenMap(driven, config)
     recognizer.order, recognizer.mapping = AnyOrder(), mapping
     for session in sessions:
         recognizer.reset()
         mapping.begin(session.start)
         for index in session:
-            recognizer.process(*_asked(whole, index))
+            recognizer.process(*_frame_of(unlinked, index))
             yield index
 
 
 class _DrivenMap(OnlineMap):
-    """Has the places of a map passed again, in their order; they are there, and none is added."""
+    """A map whose places are passed again in order; they are linked, and none is added."""
 
     def begin(self, start: int) -> None:
-        """Begin a session of the map, at its first place."""
+        """Begin a session of the map by its first place."""
         self.reset()
         self.session_start = self._usable = start
 
     def add(self, _frame: Frame, _descriptor: Descriptor, _match: Match | None = None) -> None:
-        """Pass the next place, and link it as it was recognised."""
+        """Link the next place to the one that its match recognises."""
         link(self._map.links, self.session_start + len(self._passed_m), _match)
         self._passed_m.append(self._travelled_m)
 
 
-def _as_driven(whole: ReferenceMap) -> ReferenceMap:
-    """Return a map as it is now, with its links, whose places are upright and keyframes each."""
-    places, end = Places(whole.global_descriptors.shape[1], len(whole)), len(whole)
-    places.descriptors.extend(whole.global_descriptors[:end])
-    places.take({name: rows[:end] for name, rows in whole.places.columns.items()}, 0)
-    encoding = replace(whole.encoding, image_rotation_deg=0)
-    seen = ReferenceMap(
-        encoding, places, whole.pictures, EVERY_FRAME, whole.map_id, whole.sessions
-    )
-    seen.links = whole.links
-    return seen
+def _as_driven(source: ReferenceMap) -> ReferenceMap:
+    """Return a copy that shares pictures and links, with every place as an upright keyframe."""
+    places, end = Places(source.global_descriptors.shape[1], len(source)), len(source)
+    places.descriptors.extend(source.global_descriptors[:end])
+    places.take({name: rows[:end] for name, rows in source.places.columns.items()}, 0)
+    encoding = replace(source.encoding, image_rotation_deg=0)
+    identity = source.map_id, source.sessions
+    driven = ReferenceMap(encoding, places, source.pictures, EVERY_FRAME, *identity)
+    driven.links = source.links
+    return driven
 
 
-def _asked(whole: ReferenceMap, index: int) -> tuple[Frame, Descriptor]:
-    """Return a place as what a drive sees."""
-    place = whole.places[index]
-    camera = whole.sessions[place.session].camera
+def _frame_of(source: ReferenceMap, index: int) -> tuple[Frame, Descriptor]:
+    """Return a place as a frame with its descriptor."""
+    place = source.places[index]
+    camera = source.sessions[place.session].camera
     frame = Frame(place.stamp_ns, None, place.source, place.pose, camera=camera)
-    descriptor = whole_descriptor(whole.cells(index))
-    if whole.encoding.descriptor_model:
-        descriptor = replace(descriptor, vector=whole.global_descriptors[index])
+    descriptor = whole_descriptor(source.cells(index))
+    if source.encoding.descriptor_model:
+        descriptor = replace(descriptor, vector=source.global_descriptors[index])
     return frame, descriptor

@@ -3,8 +3,8 @@
 """
 Rigid motions: poses as 4 x 4 matrices, and the axes of lenses and robots.
 
-A matrix `a_b` of a frame b in a frame a takes points of b to a. A lens has x right, y down, z
-ahead; a robot x ahead, y left, z up (REP-103).
+The matrix `a_b` is the pose of frame b in frame a; it transforms points from b to a. Axes of a
+lens: x right, y down, z ahead. Axes of a robot: x ahead, y left, z up (REP-103).
 """
 
 import math
@@ -33,18 +33,18 @@ def matrix(pose: Pose) -> Matrix:
 
 
 def pose_of(moved: Matrix) -> Pose:
-    """Return the pose that a matrix (4, 4) is."""
+    """Return the pose of a matrix (4, 4)."""
     return Pose(vector(moved[:3, 3]), quaternion(moved[:3, :3]))
 
 
 def vector(numbers: Matrix) -> Vector:
-    """Return three numbers of an array."""
+    """Return the three numbers of an array (3,) as a tuple."""
     x, y, z = numbers.tolist()
     return x, y, z
 
 
 def inverse(moved: Matrix) -> Matrix:
-    """Return the motion back."""
+    """Return the inverse (4, 4) of a rigid motion."""
     back = np.eye(4)
     back[:3, :3] = moved[:3, :3].T
     back[:3, 3] = -moved[:3, :3].T @ moved[:3, 3]
@@ -52,21 +52,21 @@ def inverse(moved: Matrix) -> Matrix:
 
 
 def turned_by(turn: npt.ArrayLike) -> Matrix:
-    """Return the rotation (3, 3) about an axis by its length in radians."""
+    """Return the rotation (3, 3) of a rotation vector (3,): an axis times the angle in radians."""
     return np.asarray(cv2.Rodrigues(np.asarray(turn, np.float64))[0])
 
 
-def cross(one: Matrix) -> Matrix:
-    """Return the matrix (3, 3) that takes a vector to its cross product with one."""
-    x, y, z = one.tolist()
+def cross(left: Matrix) -> Matrix:
+    """Return the matrix (3, 3) of the cross product with a vector (3,) on the left."""
+    x, y, z = left.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def composed_covariance(far: Matrix, of_far: Matrix, near: Matrix, of_near: Matrix) -> Matrix:
     """
-    Return the covariance (6, 6) of the motion `far @ near` by those of both.
+    Return the covariance (6, 6) of the motion `far @ near` from the covariances of both.
 
-    Each is of x, y, z and turns about them, in the axes from which its motion leads.
+    Each is of x, y, z and the rotations about them, in the axes of its motion's first frame.
     """
     turn, arm = far[:3, :3], np.eye(6)
     arm[:3, 3:] = -cross(turn @ near[:3, 3])
@@ -75,9 +75,9 @@ def composed_covariance(far: Matrix, of_far: Matrix, near: Matrix, of_near: Matr
 
 
 def quaternion(rotation: Matrix) -> Quaternion:
-    """Return x, y, z, w, of unit length, w not negative, of a rotation matrix (3, 3)."""
+    """Return the unit quaternion x, y, z, w >= 0 of a rotation matrix (3, 3)."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    # Each column is the quaternion, times four of one of its numbers; the largest is exact.
+    # Column k is the quaternion times 4 times its component k; the largest column is exact.
     products = np.array(
         [
             [1 + a - e - i, b + d, c + g, h - f],
@@ -92,18 +92,18 @@ def quaternion(rotation: Matrix) -> Quaternion:
 
 
 def of_roll_pitch_yaw(position: Vector, roll: float, pitch: float, yaw: float) -> Pose:
-    """Return a pose that is turned about the fixed x, then y, then z axis (REP-103), radians."""
+    """Return a pose from rotations about the fixed x, then y, then z axis (REP-103), radians."""
     turn = turned_by((0, 0, yaw)) @ turned_by((0, pitch, 0)) @ turned_by((roll, 0, 0))
     return Pose(position, quaternion(turn))
 
 
-def base_between(one: Camera, other: Camera) -> Matrix:
-    """Return where the base of another camera is in the base of one that is at the same place."""
-    if one.mount is None or other.mount is None or one.mount == other.mount:
+def base_between(camera: Camera, other: Camera) -> Matrix:
+    """Return the pose (4, 4) of another robot's base in a robot's, if their cameras coincide."""
+    if camera.mount is None or other.mount is None or camera.mount == other.mount:
         return np.eye(4)
-    return matrix(one.mount) @ inverse(matrix(other.mount))
+    return matrix(camera.mount) @ inverse(matrix(other.mount))
 
 
 def angle(rotation: Matrix) -> float:
-    """Return by how much a rotation (3, 3) turns, in radians, 0 to pi."""
+    """Return the angle of a rotation (3, 3) in radians, 0 to pi."""
     return math.acos(min(1.0, max(-1.0, (float(np.trace(rotation)) - 1) / 2)))

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A recogniser with the file of its map, which grows with it, and is persisted as it grows."""
+"""A session: recognisers with the map file that they use and, in online mode, extend."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
@@ -21,17 +21,17 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
 
-_COMMIT_EVERY_S = 0.5  # what a crash may cost; each commit waits for the disk
-_PLACES_AT_ONCE = 500  # in a transaction, for 10 MB of memory
+_COMMIT_EVERY_S = 0.5  # a crash may lose this much; each commit waits for the disk
+_PLACES_AT_ONCE = 500  # in a transaction, 10 MB of memory
 
 
 class NoAutosave:
-    """A map that is in memory alone, or does not grow."""
+    """A map that is only in memory, or does not grow."""
 
-    committed = 0  # places that are safe in a file
+    committed = 0  # number of places that are safe in a file
     committed_s: float | None = None  # monotonic time at which the file grew last
-    is_failing = False  # whether what was added last could not be written
-    removed = 0  # places that went when it was closed
+    is_failing = False  # whether the last write failed
+    removed = 0  # number of places that were removed when the map was closed
 
     def __init__(self, reference_map: ReferenceMap) -> None:
         self.reference_map = reference_map
@@ -45,16 +45,16 @@ class NoAutosave:
 
 class Autosave(NoAutosave):
     """
-    Owns a map file, and writes to it what is added to the map, in a thread of its own.
+    Owns a map file, and writes added places to it in a background thread.
 
-    What was added is safe half a second later, whether or not anything comes after it. What is
-    safe outlives a crash, and is evicted from memory, so that a map may grow all day. An owner
-    whose file was moved or replaced, or added to by another in spite of the lock, says so once
-    and goes on in memory; it writes again once its file is back as it was.
+    A place is safe on disk half a second after it was added. Its picture is then released from
+    memory, so that a map can grow all day. If the file is moved or replaced, or another program
+    writes to it despite the lock, this is reported once and the map grows in memory; writing
+    continues when the file is back.
 
-    `append` as of `MapWriter`; a file that was made and got no place goes at the end unless it
-    `keeps_empty`. At the end no place has more than `max_looks`; 0 is no limit. MapError if the
-    map has another owner, cannot be written, or is refused by `MapWriter`.
+    `append` is that of `MapWriter`. A new file without places is deleted at the end, unless
+    `keeps_empty`. At the end no place keeps more than `max_looks` looks; 0 is no limit. MapError
+    if another owner has the map, it cannot be written, or `MapWriter` refuses it.
     """
 
     def __init__(
@@ -78,17 +78,16 @@ class Autosave(NoAutosave):
             self._writer.write_ahead()
             self._opened = opened.pop_all()
         self._writing = Lock()
-        self._error: MapError | None = None  # to be reported
+        self._error: MapError | None = None  # raised by the next `save`
         self._news, self._end = Event(), Event()
         self._thread = Thread(target=self._run, name='autosave', daemon=True)
         self._thread.start()
 
     def save(self) -> None:
         """
-        Have what was added written, soon; call it after every frame.
+        Request a write of the places added; call it after every frame.
 
-        MapError, once, if it could not be written; it is tried again and again, without a word
-        until it worked.
+        MapError, once, if a write failed. It is repeated until it works, without further errors.
         """
         if self._is_behind(len(self.reference_map)):
             self._news.set()
@@ -97,7 +96,7 @@ class Autosave(NoAutosave):
             raise error
 
     def flush(self) -> None:
-        """Make all that was added safe before it returns; MapError if it cannot be written."""
+        """Write all added places, and return when they are safe on disk; MapError if it fails."""
         with self._writing:
             try:
                 self._write()
@@ -107,7 +106,7 @@ class Autosave(NoAutosave):
             self.is_failing = False
 
     def close(self) -> None:
-        """Make all that was added safe and close the file; MapError if it cannot be written."""
+        """Write all added places, and close the file; MapError if it fails."""
         self._end.set()
         self._news.set()
         self._thread.join()
@@ -130,11 +129,11 @@ class Autosave(NoAutosave):
     def _run(self) -> None:
         while self._news.wait() and not self._end.is_set():
             self._news.clear()
-            is_known = self.is_failing
+            is_reported = self.is_failing
             try:
                 self.flush()
             except MapError as error:
-                self._error = self._error if is_known else error
+                self._error = self._error if is_reported else error
                 self._news.set()
             self._end.wait(_COMMIT_EVERY_S)
 
@@ -149,7 +148,7 @@ class Autosave(NoAutosave):
             self._writer.settle()
 
     def _is_behind(self, end: int) -> bool:
-        """Return whether places, up to before `end`, or links of what is safe wait."""
+        """Return whether places before `end`, or links of stored places, are not written yet."""
         links, linked = self.reference_map.links, self._writer.linked
         return self.committed < end or bool(links.since(linked, self.committed))
 
@@ -166,13 +165,13 @@ class Autosave(NoAutosave):
 
 class Session:
     """
-    Opens a map and recognises its places; in online mode, also persists what is added to it.
+    Opens a map and recognises its places; in online mode, also adds places and stores them.
 
-    In preloaded mode the file must exist and is never written; in online mode it is made if there
-    is none, unless not to `make` it. Without a path the map is in memory: empty, and lost at the
-    end. `sources` name the cameras, if there are several; `describe` is the model of the map, if
-    it is of one. MapError if the map cannot be opened or, in online mode, not be written, or
-    another program adds to it.
+    In preloaded mode the file must exist and is never written; in online mode it is made if
+    missing, if `make` is True. Without a path the map is in memory: empty, and lost at the end.
+    `sources` are the names of the cameras, if there are several; `describe` is the map's
+    descriptor model, if it has one. MapError if the map cannot be opened or, in online mode,
+    cannot be written, or another program adds to it.
     """
 
     def __init__(
@@ -186,17 +185,17 @@ class Session:
         config = with_first_stage(config, describe)
         self.path = path
         self.is_growing = config.online.grows
-        self.is_persisted = path is not None and self.is_growing  # in a file that grows
-        self._problem = ''  # why the map has more than `max_looks`
+        self.is_persisted = path is not None and self.is_growing  # places are added to a file
+        self._problem = ''  # why places of the map have more than `max_looks` looks
         encoding = with_mask_read(config.encoding, config.reading)
         if path and self.is_growing:
             max_looks = config.online.max_looks
             settings = path, encoding, config.keyframes, None if make else True, True, max_looks
             autosave = Autosave(*settings)
-            if autosave.has_surplus:  # since a crash, or of a higher limit
+            if autosave.has_surplus:  # after a crash, or made with a higher limit
                 try:
                     autosave.close()
-                except MapError as error:  # as of a disk that is full: the map works as it is
+                except MapError as error:  # such as a full disk: the map works without the limit
                     self._problem = f'max_looks is ignored: {error}'
                 autosave = Autosave(*settings)
             self.autosave: NoAutosave = autosave
@@ -213,31 +212,31 @@ class Session:
         except BaseException:
             self.close()
             raise
-        self.recognizer = self.cameras.first  # that of the first camera, which adds to the map
-        self.kernel = self.recognizer.matcher.kernel  # what computes pair scores
-        # Why that is slow, with the remedy, if nobody asked for it.
+        self.recognizer = self.cameras.first  # of the first camera, which adds places
+        self.kernel = self.recognizer.matcher.kernel  # name of the kernel of pair scores
+        # Why this kernel is slow, with the remedy; empty if NumPy was chosen.
         self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
-        # Way between the map's keyframes, and so between queries if there is odometry; or 0.
+        # Distance between keyframes, of the map and by odometry of queries; 0 without a limit.
         self.keyframes_m = reference_map.keyframes.keyframe_distance_m
 
     @property
     def ignored(self) -> list[str]:
-        """What does not count, a line each: damaged links, or a spacing that is not the map's."""
-        asked, usual = self.recognizer.config.keyframes.spacing, KeyframeConfig().spacing
-        own = self.recognizer.reference_map.keyframes.spacing
+        """One line for each thing that is ignored: damaged links, a spacing unlike the map's."""
+        wanted, default = self.recognizer.config.keyframes.spacing, KeyframeConfig().spacing
+        used = self.recognizer.reference_map.keyframes.spacing
         problems = self.recognizer.reference_map.problem, self._problem
         return [problem for problem in problems if problem] + [
-            f'{name} {asked[name]} is ignored: {self.path} was made with {own[name]}; build the '
+            f'{name} {wanted[name]} is ignored: {self.path} was made with {used[name]}; build the '
             'map again to change it'
-            for name in own
-            if asked[name] not in (own[name], usual[name])
+            for name in used
+            if wanted[name] not in (used[name], default[name])
         ]
 
     @property
     def added(self) -> int:
-        """Places that came in this session."""
+        """Number of places that were added in this session."""
         return len(self.recognizer.reference_map) - self.recognizer.mapping.session_start
 
     def warm_up(self) -> None:
-        """Have the first frame be as quick as the others."""
+        """Prepare the cameras, so that the first frame is as fast as the others."""
         self.cameras.warm_up()
