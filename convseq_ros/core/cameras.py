@@ -37,7 +37,7 @@ class Cameras:
         coarse: Callable[[], Coarse | None] = lambda: None,
         describe: Describe | None = None,
     ) -> None:
-        """Make a recogniser for each source; `coarse` makes its source of coarse scores."""
+        """Make a recogniser for each source; `coarse` makes the coarse scores of each."""
         self.config = config
 
         def make(number: int) -> PlaceRecognizer:

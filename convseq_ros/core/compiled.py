@@ -64,7 +64,7 @@ def _load(path: Path, requested: str) -> Library:
         choices = ', '.join([*usable, 'numpy'])
         return Library(problem=f'{_OVERRIDE} is {requested}; this processor has {choices}')
     if reported and not usable:
-        return Library(problem=f'this processor says that it has {reported[0]}, but has not')
+        return Library(problem=f'this processor reports {reported[0]}, but does not support it')
     if not usable:
         return Library(problem='this processor has neither AVX2 nor NEON')
     return Library(requested or usable[0], '', functions)

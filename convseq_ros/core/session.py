@@ -123,7 +123,7 @@ class Autosave(NoAutosave):
 
     @property
     def has_surplus(self) -> bool:
-        """Whether some place has more than `max_looks`."""
+        """Whether a place has more looks than `max_looks`."""
         return bool(Looks(self.reference_map, self._max_looks).surplus)
 
     def _run(self) -> None:
@@ -160,7 +160,7 @@ class Autosave(NoAutosave):
     def _refuse_replaced(self) -> None:
         if self._is_in_place():
             return
-        raise MapError(f'{self._path}: was moved or replaced; what is added is not kept')
+        raise MapError(f'{self._path}: was moved or replaced; new places are not kept')
 
 
 class Session:

@@ -143,7 +143,7 @@ def test_a_session_is_renamed_and_told(two, run):
 
 def test_a_session_that_is_not_there_is_one_line_with_those_that_are(two, run):
     assert run('map', 'remove', two, '--session', 'drive') == (
-        1, f"convseq map: {two}: no one session is 'drive'; it has 0 'drive 0', 1 'drive 1'\n"
+        1, f"convseq map: {two}: no single session is 'drive'; it has 0 'drive 0', 1 'drive 1'\n"
     )  # fmt: skip
 
 

@@ -247,5 +247,5 @@ def test_a_pipe_with_the_name_of_a_journal_is_refused_at_once(path, end):
     grown(path, 1).close()
     os.mkfifo(f'{path}{end}')
     for use in (open_map, grown):
-        with pytest.raises(MapError, match=f'{end}: is no file'):
+        with pytest.raises(MapError, match=f'{end}: is not a file'):
             use(path)

@@ -118,7 +118,7 @@ def test_kernels_whose_probe_fails_are_not_used(monkeypatch):
     found = found_in(compiled._FOLDER, monkeypatch)
     assert found.variant != best
     monkeypatch.setattr(compiled, '_works', lambda *_: False)
-    assert f'says that it has {best}' in found_in(compiled._FOLDER, monkeypatch).problem
+    assert f'reports {best}' in found_in(compiled._FOLDER, monkeypatch).problem
     asked = found_in(compiled._FOLDER, monkeypatch, CONVSEQ_KERNELS=best)
     assert 'this processor has numpy' in asked.problem
 

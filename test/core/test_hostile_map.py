@@ -121,7 +121,7 @@ def test_descriptors_and_poses_that_are_not_finite_are_refused(path, number):
     descriptor = np.array(open_map(path).global_descriptors[7])
     descriptor[3] = number
     rewrite(path, 'places', 'pooled', descriptor.tobytes())
-    assert 'reference 7 has numbers without a value' in refusal(open_map, path)
+    assert 'reference 7 has NaN or infinity' in refusal(open_map, path)
 
 
 @pytest.mark.parametrize('number', [np.nan, np.inf, -np.inf, -1.0, -0.0])
@@ -178,7 +178,7 @@ def test_a_setting_that_is_lost_is_never_a_default(path, name):
 @pytest.mark.parametrize(
     ('change_to', 'found'),
     [
-        ('DELETE FROM sessions', 'reference 0 is of no session'),
+        ('DELETE FROM sessions', 'reference 0 belongs to no session'),
         ("UPDATE sessions SET name = 'x'", 'sessions fails its checksum'),
         ('DELETE FROM images WHERE reference_index = 19', 'reference 19 is missing'),
     ],
@@ -194,7 +194,7 @@ def test_a_map_whose_sessions_are_mixed_is_refused(path):
     for session in (1, 0):
         mixed.add(Place(9, session=session), cells(9))
     save_map(mixed, path)
-    assert 'places of one session lie apart' in refusal(open_map, path)
+    assert 'places of a session are not adjacent' in refusal(open_map, path)
 
 
 HOT = """

@@ -225,7 +225,7 @@ def test_links_that_cannot_be_are_left_out_and_told_once(path, row, capsys):
         database.execute(f'INSERT INTO links VALUES ({marks})', (*row, row_crc(row)))
     opened = open_map(path)
     assert [*opened.links] == [(12, 2), (18, 3)]
-    assert opened.problem == f'{path}: 1 links are damaged and left out; all else works'
+    assert opened.problem == f'{path}: 1 links are damaged and left out; all the rest works'
     assert main(['info', str(path)]) == 0
     said = capsys.readouterr()
     assert 'links        2' in said.out and said.err == f'warning: {opened.problem}\n'
@@ -242,7 +242,7 @@ def test_a_million_links_of_places_that_are_not_there_are_counted_in_one_line(pa
         )
     opened = open_map(path)
     assert [*opened.links] == [(12, 2)]
-    assert opened.problem == f'{path}: 1000000 links are damaged and left out; all else works'
+    assert opened.problem == f'{path}: 1000000 links are damaged and left out; all the rest works'
 
 
 def test_a_flipped_bit_costs_one_link_and_a_damaged_page_all_and_the_map_still_grows(path):

@@ -75,7 +75,7 @@ def open_to_read(path: Path) -> Database:
 def open_to_write(path: Path) -> Database:
     """Return a map file opened for writing: repaired after a crash, or new and without pages."""
     if path.exists() and not path.is_file():
-        raise MapError(f'{path}: is no file; name the map file')
+        raise MapError(f'{path}: is not a file; name the map file')
     _refuse_damaged(path)
     database = Database(path, 'rwc')
     database.rows(f'PRAGMA page_size = {PAGE_BYTES}')
@@ -138,7 +138,7 @@ def _refuse_damaged(path: Path) -> None:
     journal, log = _beside(path, _JOURNAL), _beside(path, _LOG)
     for file_path in (journal, log):
         if file_path.exists() and not file_path.is_file():  # SQLite would wait for a pipe
-            raise MapError(f'{file_path}: is no file; delete it')
+            raise MapError(f'{file_path}: is not a file; delete it')
     with suppress(OSError), journal.open('rb') as file:
         file.seek(max(0, file.seek(0, os.SEEK_END) - len(_NAMES_OTHERS)))
         if file.read() == _NAMES_OTHERS:
@@ -151,8 +151,8 @@ def _refuse_damaged(path: Path) -> None:
         return  # SQLite reports the error
     if at >= 0:
         raise MapError(
-            f'{log}: damaged at byte {at}; it holds what was added to the map last: restore it, '
-            'or delete it to go on without'
+            f'{log}: damaged at byte {at}; it holds the newest places of the map: restore it, '
+            'or delete it to continue without them'
         )
 
 

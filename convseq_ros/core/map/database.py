@@ -35,10 +35,10 @@ _READ = 'cannot be read ({}); is the disk failing?'
 _MESSAGES = {  # by result code of SQLite, extended or primary
     sqlite3.SQLITE_NOTADB: 'not a convseq map',
     sqlite3.SQLITE_BUSY: 'another program holds it ({}); try again',
-    sqlite3.SQLITE_CONSTRAINT: 'another program added to this map ({}); what comes now is not '
-    'kept: let only one do so, and start again',
+    sqlite3.SQLITE_CONSTRAINT: 'another program added to this map ({}); new places '
+    'are not kept: let only one program add to it, and start again',
     sqlite3.SQLITE_READONLY: 'is read-only ({}); make it and its folder writable',
-    sqlite3.SQLITE_CANTOPEN: 'cannot be opened ({}); is it in a folder that exists, and allowed?',
+    sqlite3.SQLITE_CANTOPEN: 'cannot be opened ({}); does its folder exist, and may you read it?',
     sqlite3.SQLITE_FULL: 'cannot write ({}); make room on the disk',
     sqlite3.SQLITE_IOERR: 'cannot write ({}); is the disk full, or failing?',
     sqlite3.SQLITE_IOERR_READ: _READ,
@@ -161,7 +161,7 @@ class Database:
         tables = self.rows('SELECT name, sql FROM sqlite_master')
         if sorted(tables) != sorted(SCHEMA.items()):
             others = sorted({str(name) for name, _ in tables} - SCHEMA.keys())
-            raise ValueError(f'{others or "tables"} that no map has')
+            raise ValueError(f'unknown tables {others}' if others else 'tables with other columns')
 
 
 @contextmanager

@@ -54,11 +54,11 @@ def slices_of(path: Path, opened: ReferenceMap | None = None) -> list[SessionSli
 def chosen_slice(slices: Sequence[SessionSlice], wanted: str) -> SessionSlice:
     """Return the session with a name, an id or a number; MapError, naming all, without one."""
     for key in map(attrgetter, ('session.name', 'session.id', 'number')):
-        matching = [one for one in slices if str(key(one)) == wanted]
+        matching = [part for part in slices if str(key(part)) == wanted]
         if len(matching) == 1:
             return matching[0]
-    choices = ', '.join(f'{one.number} {one.session.name!r}' for one in slices)
-    raise MapError(f'{slices[0].path}: no one session is {wanted!r}; it has {choices}')
+    choices = ', '.join(f'{part.number} {part.session.name!r}' for part in slices)
+    raise MapError(f'{slices[0].path}: no single session is {wanted!r}; it has {choices}')
 
 
 def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
@@ -69,13 +69,13 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
     """
     _refuse_incompatible(slices)
     first = slices[0].reference_map
-    origins = [(one.reference_map, index) for one in slices for index in one.places]
+    origins = [(part.reference_map, index) for part in slices for index in part.places]
     places = Places(first.global_descriptors.shape[1], len(origins))
-    for number, one in enumerate(slices):
-        for index in one.places:
-            place = one.reference_map.places[index]
-            place = replace(place, pose=one.poses.get(index, place.pose), session=number)
-            places.append(place, one.reference_map.global_descriptors[index])
+    for number, part in enumerate(slices):
+        for index in part.places:
+            place = part.reference_map.places[index]
+            place = replace(place, pose=part.poses.get(index, place.pose), session=number)
+            places.append(place, part.reference_map.global_descriptors[index])
 
     def read(indices: Sequence[int], with_images: bool) -> list[Picture]:
         pictures, by_map = dict[int, Picture](), dict[ReferenceMap, list[int]]()
@@ -86,7 +86,7 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
             pictures.update(zip(wanted, read_now, strict=True))
         return [pictures[index] for index in indices]
 
-    sessions = [one.session for one in slices]
+    sessions = [part.session for part in slices]
     joined_map = ReferenceMap(first.encoding, places, read, first.keyframes, sessions=sessions)
     carry_links(origins, joined_map.links)
     return joined_map
@@ -95,25 +95,25 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
 def _refuse_incompatible(slices: Sequence[SessionSlice]) -> None:
     """Raise MapError if sessions were made with different settings, or one is there twice."""
 
-    def settings_of(one: SessionSlice) -> dict[str, object]:
-        return kept_of(one.reference_map.encoding) | one.reference_map.keyframes.spacing
+    def settings_of(part: SessionSlice) -> dict[str, object]:
+        return kept_of(part.reference_map.encoding) | part.reference_map.keyframes.spacing
 
     first, seen = slices[0], dict[str, SessionSlice]()
     expected = settings_of(first)
-    for one in slices:
-        settings = settings_of(one)
+    for part in slices:
+        settings = settings_of(part)
         if different := [name for name in expected if settings[name] != expected[name]]:
             name = different[0]
             raise MapError(
-                f'{one.path}: made with {name} {settings[name]!r:.40}, {first.path} with '
+                f'{part.path}: made with {name} {settings[name]!r:.40}, {first.path} with '
                 f'{expected[name]!r:.40}; build one of them again with the settings of the other'
             )
-        if before := seen.get(one.session.id):
+        if before := seen.get(part.session.id):
             raise MapError(
-                f'{one.path}: its session {one.session.name!r} is in {before.path} already, by '
-                f'its id {one.session.id}; a map holds a session once: leave one out'
+                f'{part.path}: its session {part.session.name!r} is in {before.path} already, by '
+                f'its id {part.session.id}; a map holds a session once: leave one out'
             )
-        seen[one.session.id] = one
+        seen[part.session.id] = part
 
 
 def carry_links(origins: Sequence[tuple[ReferenceMap, int]], links: Links) -> None:
@@ -174,8 +174,8 @@ def _state(saved: ReferenceMap) -> object:
 def without(slices: Sequence[SessionSlice], indices: Collection[int]) -> list[SessionSlice]:
     """Return the sessions of a map without the places of given indices."""
     gone = {*indices}
-    left = [replace(one, places=[at for at in one.places if at not in gone]) for one in slices]
-    return [one for one in left if one.places]
+    left = [replace(part, places=[at for at in part.places if at not in gone]) for part in slices]
+    return [part for part in left if part.places]
 
 
 def limited(path: Path, opened: ReferenceMap, max_looks: int) -> ReferenceMap:

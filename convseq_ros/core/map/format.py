@@ -108,7 +108,7 @@ class Settings:
             encoding = EncodingConfig(**{name: values[name] for name in _ENCODING})
             model = encoding.descriptor_model
             if (model and not model.startswith('#')) or type(encoding.keeps_cells) is not bool:
-                raise ValueError('settings: a descriptor_model that is none')
+                raise ValueError('settings: invalid descriptor_model')
             seen_cells(encoding.image_mask, cell_shape(encoding.image_size_px)[0])
             keyframes = KeyframeConfig(**json.loads(stored['keyframes']))
             return cls(checked_id(stored['map_id']), encoding, keyframes)
@@ -189,14 +189,14 @@ def _camera(stored: object) -> Camera | None:
         qx, qy, qz, qw = map(float, mount.orientation)
         mount = Pose((x, y, z), (qx, qy, qz, qw))
     if not all(isinstance(value, int | float) for value in fields.values()):
-        raise ValueError('camera: what should be numbers is not')
+        raise ValueError('camera: a field is not a number')
     return Camera(**fields, distortion_model=model, distortion=distortion, mount=mount)
 
 
 def checked_id(stored: object) -> str:
     """Return a stored id; ValueError if it is not text, or too long."""
     if not isinstance(stored, str) or len(stored) > _MAX_CHARACTERS:
-        raise ValueError('an id that is none')
+        raise ValueError('invalid id')
     return stored
 
 
@@ -236,10 +236,10 @@ def unpacked_pose(stored: bytes) -> RelativePose:
     """Return a stored relative pose; ValueError or TypeError if it is invalid."""
     numbers = np.frombuffer(stored, '<f8')
     if len(numbers) != _NUMBERS or not np.isfinite([*numbers[:4], *numbers[10:]]).all():
-        raise ValueError('a relative pose that is none')
+        raise ValueError('invalid relative pose')
     x, y, z, w = numbers[:4].tolist()
     if abs(math.hypot(x, y, z, w) - 1) > _TOLERANCE:
-        raise ValueError('a relative pose that is not turned')
+        raise ValueError('invalid orientation of a relative pose')
     covariance = np.zeros((6, 6))
     covariance[_UPPER] = numbers[10:31]
     covariance.T[_UPPER] = numbers[10:31]

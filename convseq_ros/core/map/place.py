@@ -144,7 +144,7 @@ class Places(Sequence[Place]):
         finite, exponents = np.isfinite(block['pose']), descriptors.view('<u2') & _NOT_FINITE
         valid = (exponents != _NOT_FINITE).all(axis=1) & (finite.all(axis=1) | ~finite.any(axis=1))
         if not valid.all():
-            raise ValueError(f'reference {len(self) + valid.argmin()} has numbers without a value')
+            raise ValueError(f'reference {len(self) + valid.argmin()} has NaN or infinity')
         self.descriptors.extend(descriptors)
         self._add(block)
 

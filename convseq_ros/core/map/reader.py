@@ -126,10 +126,10 @@ class MapReader:
                 if missing := [*{*expected}.difference(row[0] for row in rows)]:
                     raise ValueError(f'reference {min(missing)} is missing')
                 if foreign := [row[0] for row in rows if not 0 <= row[-3] < len(sessions)]:
-                    raise ValueError(f'reference {foreign[0]} is of no session')
+                    raise ValueError(f'reference {foreign[0]} belongs to no session')
                 numbers = [places[start - 1].session, *numbers] if start else numbers
                 if numbers != sorted(numbers):
-                    raise ValueError('places of one session lie apart')
+                    raise ValueError('places of a session are not adjacent')
                 places.extend(self._with_vectors(rows))
             settings = self.encoding, places, self.pictures, self.keyframes
             reference_map = ReferenceMap(*settings, self.settings.map_id, sessions)
@@ -218,7 +218,7 @@ def _read_links(database: Database, path: Path, reference_map: ReferenceMap) -> 
     else:
         problem = f'{left_out} links are damaged' if left_out else ''
     if problem:
-        reference_map.problem = f'{path}: {problem} and left out; all else works'
+        reference_map.problem = f'{path}: {problem} and left out; all the rest works'
 
 
 def _add_links(links: Links, rows: Rows) -> int:
@@ -227,13 +227,13 @@ def _add_links(links: Links, rows: Rows) -> int:
     for place, other, anchor, confidence, inliers, relative, crc32 in rows:
         try:
             if crc32 != row_crc((place, other, anchor, confidence, inliers, relative)):
-                raise ValueError('a link that fails its checksum')
+                raise ValueError('a link fails its checksum')
             if other is None:
                 links.add_first(place)
                 continue
             are_integers = all(type(value) is int for value in (other, anchor, inliers or 0))
             if not are_integers or not 0 <= anchor <= other or not 0 <= (confidence or 0) <= 1:
-                raise ValueError('a link that cannot be')
+                raise ValueError('invalid link')
             pose = None if relative is None else unpacked_pose(relative)
             links.add(place, other, confidence, inliers, pose, anchor)
         except (TypeError, ValueError):
