@@ -21,7 +21,7 @@ from convseq_ros.config import Config, MatchingConfig, SequenceConfig
 from convseq_ros.core import recognizer
 from convseq_ros.core.compiled import available, library
 from convseq_ros.core.decision.belief import Belief, MotionModel
-from convseq_ros.core.decision.decider import BeliefDecider
+from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.observation import OBSERVED, Observer
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.encoding.descriptor import describe

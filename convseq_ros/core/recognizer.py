@@ -8,8 +8,10 @@ from dataclasses import replace
 from functools import partial
 
 from convseq_ros.config import Config
-from convseq_ros.core.decision.decider import BeliefDecider, PaperDecider, Query
+from convseq_ros.core.decision.belief_decider import BeliefDecider
+from convseq_ros.core.decision.decider import Decider, Query
 from convseq_ros.core.decision.localizer import Localizer
+from convseq_ros.core.decision.paper_decider import PaperDecider
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import Describe, FirstStage
 from convseq_ros.core.encoding.view import upright
@@ -71,9 +73,8 @@ class PlaceRecognizer:
         if config.matching.search == 'exhaustive':
             coarse = Coarse()
         coarse = coarse or CoarseScores(reference_map, config.matching.both_directions)
-        decider: type[BeliefDecider | PaperDecider]
-        decider = BeliefDecider if config.believes else PaperDecider
-        self.decider = decider(reference_map, coarse, config)
+        made = reference_map, coarse, config
+        self.decider: Decider = BeliefDecider(*made) if config.believes else PaperDecider(*made)
         self._poses = RelativePoses(reference_map, self.matcher, config.reading)
         self._accepted_ns: int | None = None  # when the newest match was
         self.order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)

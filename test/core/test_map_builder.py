@@ -7,7 +7,7 @@ from pathlib import Path
 import sqlite3
 
 from convseq_ros.config import make_config
-from convseq_ros.core.decision.decider import BeliefDecider
+from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map

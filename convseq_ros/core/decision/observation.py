@@ -7,9 +7,10 @@ The likeliest places get rough scores; the best of them, and the best elsewhere,
 pair scores; the best of these are verified. The likelihood judges what is found.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from convseq_ros.core.decision.decider import apart
 from convseq_ros.core.decision.likelihood import Leads, Likelihood, RATIO, strength_of
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import LINKS
@@ -221,15 +222,6 @@ class Observer:
 
     def _elsewhere(self, places: Indices, best: int) -> Indices:
         return places[~self._near.mask(places, best)]
-
-
-def apart(scores: Doubles, count: int, near: Callable[[int], Flags]) -> list[int]:
-    """Return where the best so many finite scores (n,) are, none `near` (n,) a better one."""
-    left, found = np.isfinite(scores), list[int]()
-    while len(found) < count and left.any():
-        found.append(int(np.where(left, scores, -np.inf).argmax()))
-        left &= ~near(found[-1])
-    return found
 
 
 def _strongest(verified: Mapping[int, Verification], otherwise: int) -> int:

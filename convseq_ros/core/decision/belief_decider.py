@@ -1,0 +1,136 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The belief's decision: a place is a match if it holds nearly all of the mass."""
+
+from convseq_ros.config import Config
+from convseq_ros.core.decision.belief import Belief, MotionModel
+from convseq_ros.core.decision.decider import Answer, apart, candidate, Query
+from convseq_ros.core.decision.likelihood import strength_of
+from convseq_ros.core.decision.observation import Neighbourhood, Observation, OBSERVED, Observer
+from convseq_ros.core.decision.odometry_prior import OdometryPrior
+from convseq_ros.core.graph.links import LINKS
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.sequence.coarse_scores import Coarse
+from convseq_ros.core.sequence.query_buffer import BUFFER, diagonal
+from convseq_ros.core.types import Candidate, Candidates, Flags, Reason
+import numpy as np
+
+# Places to either side of the best, and of its looks, that are reported as one place.
+_WINDOW = LINKS.beside // 2
+
+
+class BeliefDecider:
+    """
+    Predicts, looks, updates, reports: one step of a Bayes filter a keyframe.
+
+    A place is a match if it holds nearly all of the mass.
+    """
+
+    def __init__(self, reference_map: ReferenceMap, coarse: Coarse, config: Config) -> None:
+        matching, robot = config.matching, config.robot
+        both, error = matching.both_directions, robot.odometry_way_error
+        self._map, self._coarse, self._near = reference_map, coarse, Neighbourhood(reference_map)
+        self._belief = Belief(reference_map, MotionModel(reference_map, both, error))
+        self._prior = OdometryPrior(reference_map, robot, config.online.grows)
+        self._observer = Observer(coarse, self._near, matching.shortlist_length)
+
+    def reset(self) -> None:
+        self._belief.reset()
+        self._observer.reset()
+        self._prior.reset()
+
+    def share(self, other: object) -> None:
+        """Have what odometry says of another camera's matches hold for both."""
+        if isinstance(other, BeliefDecider):
+            self._prior.share(other._prior)
+
+    def decide(self, query: Query) -> Answer:
+        """Return the likeliest places, and the mass of the first as its confidence."""
+        frame, belief = query.frame, self._belief
+        self._coarse.update(query.buffer.newest.descriptor, query.usable)
+        if query.missing > BUFFER.longest_gap:
+            belief.reset()
+        belief.motion.move(frame.pose, query.missing, query.buffer.novelty)
+        self._prior.move(frame.stamp_ns, frame.pose)
+        belief.predict(query.usable)
+        predicted = belief.likeliest(OBSERVED.peaks)
+        seen = self._observer.observe(query.buffer, belief.places, predicted, query.session_start)
+        entry = self._prior.shares(seen.places, query.session_start)
+        belief.update(seen.places, seen.log_ratios, entry, query.usable)
+        return self._answer(query, seen)
+
+    def _answer(self, query: Query, seen: Observation) -> Answer:
+        belief, config = self._belief, query.config.acceptance
+        length = query.length or len(query.buffer)
+        if not len(belief.places):
+            return Answer(Reason.WEAK, (), length, 0.0)
+        best = int(belief.places[belief.mass.argmax()])
+        is_same = self._near.mask(belief.places, best, _WINDOW)
+        confidence, excess_m = min(1.0, float(belief.mass[is_same].sum())), None
+        is_sure = confidence >= config.min_confidence
+        if is_sure and not self._prior.is_denied(best, query.session_start):
+            reason, best = Reason.ACCEPTED, self._best_look(best, seen)
+            self._learn(best, seen, query.session_start)
+        elif (excess_m := self._prior.excess_m(best, query.session_start)) is not None:
+            reason = Reason.IMPLAUSIBLE
+        elif not seen.has_rivals:
+            reason = Reason.TOO_FEW_RIVALS
+        else:
+            others = 1 - belief.elsewhere - confidence
+            reason = Reason.AMBIGUOUS if others > belief.elsewhere else Reason.WEAK
+        found = self._candidates(best, seen, query)
+        return Answer(reason, found, length, confidence, excess_m)
+
+    def _best_look(self, best: int, seen: Observation) -> int:
+        """Return the look of a place that the newest frame shows best."""
+        looks = self._strengths(best, seen)
+        shown = max(looks, key=lambda one: looks[one], default=best)
+        return best if shown in self._map.bounds.around(best, _WINDOW) else shown
+
+    def _learn(self, best: int, seen: Observation, session_start: int) -> None:
+        """Take in a match."""
+        self._prior.fix(best)
+        self._observer.end_search()
+        near = self._near.mask(seen.places, best, _WINDOW)
+        is_shown, learned = bool((seen.log_ratios[near] > 0).any()), self._observer.likelihood
+        learned.confirm(is_shown)
+        if is_shown and (strengths := self._strengths(best, seen)):
+            learned.learn(max(strengths.values()), best >= session_start)
+
+    def _strengths(self, best: int, seen: Observation) -> dict[int, float]:
+        """Return how strongly a place, and its looks, were verified."""
+        looked = np.array([*seen.verified], np.int64)
+        looks = looked[self._near.mask(looked, best, _WINDOW)].tolist()
+        return {one: strength_of(seen.verified[one]) for one in looks}
+
+    def _candidates(self, best: int, seen: Observation, query: Query) -> Candidates:
+        """Return the modes of the belief, no two near each other, the best first."""
+        config, places = query.config.acceptance, self._belief.places
+
+        def near(place: int) -> Flags:
+            return self._map.bounds.near(places, place, config.rival_distance)
+
+        left = np.where(near(best), -np.inf, self._belief.mass)
+        others = apart(left, config.num_candidates - 1, lambda at: near(int(places[at])))
+        found = best, *places[others].tolist()
+        return tuple(self._candidate(one, seen, query) for one in found)
+
+    def _candidate(self, index: int, seen: Observation, query: Query) -> Candidate:
+        near = self._map.bounds.around(index, 1)
+        shown = [seen.verified[one].inliers for one in (index, *near) if one in seen.verified]
+        score = self._score(index, query)
+        return candidate(self._map.places, index, score, shown[0] if shown else None)
+
+    def _score(self, index: int, query: Query) -> float:
+        """Return the mean of the pair scores along the diagonal that ends at a place."""
+        rows = query.buffer.rows[: query.length or len(query.buffer)]
+        velocity = self._belief.velocity(index)
+        first, end = self._map.bounds.span(index)
+        met = zip(rows, diagonal(len(rows), velocity or 1e-9), strict=True)
+        pairs = [
+            float(row[index - step])
+            for row, step in met
+            if row is not None and first <= index - step < min(end, len(row))
+        ]
+        known = [one for one in pairs if one >= 0]
+        return sum(known) / len(known) if known else 0.0

@@ -1,0 +1,70 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's decision: the best diagonal is a match if it leads its rivals by a margin."""
+
+from convseq_ros.config import AcceptanceConfig, Config
+from convseq_ros.core.decision.decider import Answer, apart, candidate, Query
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.sequence.coarse_scores import Coarse
+from convseq_ros.core.types import Candidates, Doubles, Flags, Indices, Reason
+import numpy as np
+
+
+class PaperDecider:
+    """
+    Scores k frames against k places in a row, at the velocity of the map (III-D, III-G).
+
+    Notes
+    -----
+    With one departure: the paper always answers; here the best must lead its best rival, more than
+    `rival_distance` away, by `min_margin`, as scores of unrelated places lie near true ones.
+
+    """
+
+    def __init__(self, reference_map: ReferenceMap, coarse: Coarse, config: Config) -> None:
+        self._map, self._coarse = reference_map, coarse
+        self._listed = config.matching.shortlist_length
+
+    def reset(self) -> None:
+        self._coarse.reset()
+
+    def share(self, _other: object) -> None:
+        """Share nothing: odometry has no say."""
+
+    def decide(self, query: Query) -> Answer:
+        """Return the best places by their sequence scores."""
+        buffer, length = query.buffer, query.length
+        newest = buffer.newest
+        self._coarse.update(newest.descriptor, query.usable)
+        ends = self._coarse.best(self._listed, self._listed // 4)
+        if length is None:
+            buffer.score(1, ends)  # what is kept saves time later
+            return Answer(Reason.WARMING_UP)
+        # III-D: pair scores; III-G: sums along diagonals; the best sequences are the candidates.
+        buffer.score(length, ends)
+        scores = buffer.best_scores(length, ends)
+        found = self._best(ends, scores, query.config.acceptance)
+        if not found:
+            starts = self._map.bounds.starts
+            spans = np.diff(starts[starts < query.usable], append=query.usable)
+            is_short = spans.max(initial=0) < length
+            return Answer(Reason.MAP_TOO_SHORT if is_short else Reason.WARMING_UP, (), length)
+        return Answer(decide_by_margin(found, query.config.acceptance), found, length)
+
+    def _best(self, ends: Indices, scores: Doubles, config: AcceptanceConfig) -> Candidates:
+        def near(top: int) -> Flags:
+            return self._map.bounds.near(ends, int(ends[top]), config.rival_distance)
+
+        places, count = self._map.places, max(2, config.num_candidates)
+        return tuple(
+            candidate(places, int(ends[one]), float(scores[one]))
+            for one in apart(scores, count, near)
+        )
+
+
+def decide_by_margin(candidates: Candidates, config: AcceptanceConfig) -> Reason:
+    """Decide by the lead of the first of at least one candidate over the second."""
+    if len(candidates) < 2:
+        return Reason.TOO_FEW_RIVALS
+    lead = candidates[0].score - candidates[1].score
+    return Reason.ACCEPTED if lead >= config.min_margin else Reason.AMBIGUOUS
