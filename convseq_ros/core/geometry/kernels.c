@@ -380,12 +380,12 @@ KERNEL(fit_motion)(const float *found, intptr_t count, intptr_t side, double sig
     return 0;
 }
 
-// Write what geometry says of a query and each reference, [several][4]: inliers, strength, and what
-// the query's upper and left half add to it; `shifts`: common shifts, [several][2]; the rest is as
+// Write what geometry says of a query and each reference, [several][3]: inliers, strength, and what
+// the query's upper half adds to it; `shifts`: common shifts, [several][2]; the rest is as
 // in `displacements` and `fit_motion`.
 KERNEL(verify)(const int32_t *query, const int32_t *const *references, intptr_t several,
                intptr_t side, const int64_t *shifts, float unit, const float *weights,
-               float tolerance, double sigma, intptr_t rounds, double stiff, double (*judged)[4])
+               float tolerance, double sigma, intptr_t rounds, double stiff, double (*judged)[3])
 {
     intptr_t all = side * side;
     double *off = malloc((size_t)all * (sizeof *off + FACTS * sizeof(float)));
@@ -393,7 +393,7 @@ KERNEL(verify)(const int32_t *query, const int32_t *const *references, intptr_t 
     int failed = !off;
     for (intptr_t one = 0; one < several && !failed; one++) {
         const int64_t *shift = shifts + 2 * one;
-        double motion[6] = {(double)shift[0], 0, 0, (double)shift[1], 0, 0}, sums[3] = {0};
+        double motion[6] = {(double)shift[0], 0, 0, (double)shift[1], 0, 0}, sums[2] = {0};
         int64_t kept = 0, inliers = 0;
         failed |= CALL(displacements)(query, references[one], side, shift[0], shift[1], unit,
                                       weights, tolerance, found, &kept);
@@ -404,10 +404,9 @@ KERNEL(verify)(const int32_t *query, const int32_t *const *references, intptr_t 
             inliers += off[place] <= sigma;
             sums[0] += each;
             sums[1] += 2 * facts[0] < (float)side ? each : 0;
-            sums[2] += 2 * facts[1] < (float)side ? each : 0;
         }
         judged[one][0] = (double)inliers;
-        for (int sum = 0; sum < 3; sum++)
+        for (int sum = 0; sum < 2; sum++)
             judged[one][1 + sum] = sums[sum] > 0 ? sums[sum] : 0;
     }
     free(off);

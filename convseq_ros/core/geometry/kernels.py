@@ -53,7 +53,7 @@ def verified(
     query: Arranged, references: Sequence[Arranged], starts: Sequence[tuple[int, int]]
 ) -> Doubles:
     """Return what `numpy_kernels.verified` does."""
-    judged = np.empty((len(references), 4))
+    judged = np.empty((len(references), 3))
     where = np.array([address(one.rows) for one in references], np.uint64)
     shifts = np.array(starts, np.int64).reshape(-1, 2)
     _verify(

@@ -77,15 +77,15 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
 def verified(
     query: Arranged, references: Sequence[Arranged], starts: Sequence[tuple[int, int]]
 ) -> Doubles:
-    """Return what `Verification` has, of a query and n references by their shifts, (n, 4)."""
-    judged = np.empty((len(references), 4))
+    """Return what `Verification` has, of a query and n references by their shifts, (n, 3)."""
+    judged = np.empty((len(references), 3))
     for row, reference, start in zip(judged, references, starts, strict=True):
         found = displacements(query, reference, start)
         off = fit_motion(found, query.side, start)[1]
         each = found[:, 4] / (1 + (off / MOTION.sigma_cells) ** 2)
-        above, beside = (found[:, axis] < query.side / 2 for axis in (0, 1))
+        above = found[:, 0] < query.side / 2
         row[0] = (off <= MOTION.sigma_cells).sum()
-        row[1:] = [max(0.0, each[some].sum()) for some in (slice(None), above, beside)]
+        row[1:] = max(0.0, each.sum()), max(0.0, each[above].sum())
     return judged
 
 

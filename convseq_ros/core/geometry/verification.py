@@ -57,7 +57,7 @@ def verify(
     """Return what geometry says of a query and references of its size, by their common shifts."""
     starts = [_start(shift) for shift in shifts]
     judged = kernels_of(__package__).verified(query, references, starts).tolist()
-    return [Verification(int(inliers), *strengths) for inliers, *strengths, _ in judged]
+    return [Verification(int(inliers), *strengths) for inliers, *strengths in judged]
 
 
 def field(query: Arranged, reference: Arranged, shift: Shift) -> Doubles:
