@@ -12,10 +12,10 @@ from convseq_ros.cli import map_link
 from convseq_ros.cli.info import describe_map, in_short
 from convseq_ros.cli.options import add_max_looks, add_verb, of_map, progress
 from convseq_ros.core.map.edit import (
-    bound,
     chosen_slice,
     joined,
-    limited,
+    prune_looks,
+    pruned,
     refuse_existing,
     rename_session,
     SessionSlice,
@@ -107,7 +107,7 @@ def _merge(chosen: argparse.Namespace) -> None:
         count = sum(map(len, not_linked(whole)))
         for _ in progress(link_map(whole), count, 'links', 'places'):
             pass
-    whole = limited(chosen.output, whole, chosen.max_looks)
+    whole = pruned(chosen.output, whole, chosen.max_looks)
     write_new(whole, chosen.output, of_map(chosen.output))
     _report(chosen, chosen.output)
 
@@ -136,7 +136,7 @@ def _remove(chosen: argparse.Namespace) -> None:
             raise MapError(f'{chosen.map}: nothing would be left of it; delete the file instead')
         write_new(joined(left), chosen.map, of_map(chosen.map), slices[0].reference_map)
     else:
-        bound(chosen.map, chosen.max_looks, of_map(chosen.map))
+        prune_looks(chosen.map, chosen.max_looks, of_map(chosen.map))
     _report(chosen, chosen.map)
 
 

@@ -16,7 +16,7 @@ from convseq_ros.cli.map_picture import draw_solved
 from convseq_ros.cli.options import of_map, printable, progress
 from convseq_ros.config import make_config
 from convseq_ros.core.graph.links import Link
-from convseq_ros.core.graph.pose_graph import brought_together, edges_of, g2o, Poses, solved
+from convseq_ros.core.graph.pose_graph import align_sessions, edges_of, g2o, optimise, Poses
 from convseq_ros.core.map.edit import joined, refuse_existing, SessionSlice, slices_of, write_new
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -75,13 +75,13 @@ def make_outputs(chosen: argparse.Namespace, whole: ReferenceMap) -> None:
             file.write_text(''.join(f'{line}\n' for line in g2o(poses, edges)), encoding='utf-8')
     if not (chosen.output or chosen.picture):
         return
-    start = brought_together(poses, session, edges)
+    start = align_sessions(poses, session, edges)
     if not start:
         raise MapError(
             f'{chosen.map}: no link is measured in metres; that needs a map built with --odom '
             'and --camera-info'
         )
-    after = solved(edges, start)
+    after = optimise(edges, start)
     if chosen.picture:
         draw_solved(chosen.picture, whole, poses, after)
         print(f'{chosen.picture}: drawn', file=sys.stderr)

@@ -14,7 +14,7 @@ from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.database import MapLock
-from convseq_ros.core.map.edit import bound
+from convseq_ros.core.map.edit import prune_looks
 from convseq_ros.core.map.online import Looks
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -118,7 +118,7 @@ class Autosave(NoAutosave):
                 self._refuse_replaced()
                 self._path.unlink()
         if self.has_surplus:
-            self.removed = bound(self._path, self._max_looks)
+            self.removed = prune_looks(self._path, self._max_looks)
             self.committed -= self.removed
 
     @property
@@ -145,7 +145,7 @@ class Autosave(NoAutosave):
             self._writer.copy(self.reference_map, stop)
             self.committed, self.committed_s = stop, time.monotonic()
             self.reference_map.evict(stop, self._writer.reader.pictures)
-            self._writer.settle()
+            self._writer.checkpoint()
 
     def _is_behind(self, end: int) -> bool:
         """Return whether places before `end`, or links of stored places, are not written yet."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The query beside its best reference: on `~/debug_image`, and drawn by `convseq locate`."""
 
-from convseq_ros.core.map.place import shown
+from convseq_ros.core.map.place import decode_jpeg
 from convseq_ros.core.types import Frame, Match
 import cv2
 import numpy as np
@@ -24,7 +24,7 @@ def match_picture(frame: Frame, match: Match, thumbnail: bytes, field: Regions) 
     What cannot be shown is grey. Of the regions of a `field` (n, 5), as `QueryBuffer.field` gives
     it, inliers are dots of one colour in both pictures, and others are grey.
     """
-    sides = [_to_height(frame.gray), _to_height(shown(thumbnail))]
+    sides = [_to_height(frame.gray), _to_height(decode_jpeg(thumbnail))]
     pictures = np.hstack(sides)[:, :, None].repeat(3, axis=2)
     _draw_field(pictures, sides[0].shape[1], field)
     caption = np.zeros((_CAPTION_PX, pictures.shape[1], 3), np.uint8)

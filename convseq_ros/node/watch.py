@@ -15,7 +15,7 @@ if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
     run_node('convseq_ros.node.watch')
 
-from convseq_ros.core.map.place import shown
+from convseq_ros.core.map.place import decode_jpeg
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import ConvseqError, ImageError, MapError
@@ -78,7 +78,7 @@ class Watcher(ListeningNode):
     def _picture(self, known: ReferenceMap, index: int) -> npt.NDArray[np.uint8] | None:
         if index >= len(known):
             self._map = known = open_map(self._map_path)  # it grows
-        return shown(known.thumbnail(index)) if index < len(known) else self._place
+        return decode_jpeg(known.thumbnail(index)) if index < len(known) else self._place
 
     def _on_image(self, message: RawMessage, _topic: str) -> None:
         try:

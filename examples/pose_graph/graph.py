@@ -14,7 +14,7 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
-from convseq_ros.core.graph.pose_graph import agreeing
+from convseq_ros.core.graph.pose_graph import gnc_fit
 from convseq_ros.regular_file import complete_or_absent
 import gtsam
 import numpy as np
@@ -150,7 +150,7 @@ def optimise(
     Return the path that agrees best with the odometry and with the closures.
 
     A closure says how far two places are apart as it was measured; else that they are the same:
-    position zero apart, heading as measured or alike. `agreeing` decides which closures to
+    position zero apart, heading as measured or alike. `gnc_fit` decides which closures to
     believe, or all are without `robust`, by plain Levenberg-Marquardt; the odometry is always
     believed. Closures outside the odometry are left out. ValueError if there is no odometry.
     """
@@ -171,7 +171,7 @@ def optimise(
             graph.add(factor)
     result, inliers = initial, [True] * len(used)
     if used and robust:
-        result, inliers = agreeing(graph, initial, believed, noise.inlier_probability)
+        result, inliers = gnc_fit(graph, initial, believed, noise.inlier_probability)
     elif used:
         result = gtsam.LevenbergMarquardtOptimizer(graph, initial).optimize()
     kept = [False] * len(closures)

@@ -10,7 +10,7 @@ from convseq_ros.cli import main
 from convseq_ros.cli.map_picture import laid_out
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.graph.links import Link
-from convseq_ros.core.graph.pose_graph import brought_together, edges_of, g2o, GRAPH, solved
+from convseq_ros.core.graph.pose_graph import align_sessions, edges_of, g2o, GRAPH, optimise
 from convseq_ros.core.map import edit
 from convseq_ros.core.map.edit import unlink
 from convseq_ros.core.map.format import MapSession
@@ -114,8 +114,8 @@ def test_a_session_lies_where_most_links_say(wrong):
     whole, links = made(20, wrong)
     poses, session = posed(whole)
     edges = [*edges_of(poses, session, links)]
-    start = brought_together(poses, session, edges)
-    found = solved(edges, start)
+    start = align_sessions(poses, session, edges)
+    found = optimise(edges, start)
     for at in range(20):
         assert np.allclose(found[20 + at][:3, 3], (at, 1.0, 0.0), atol=0.05)
 
@@ -213,7 +213,7 @@ def test_one_drive_that_meets_its_own_way_is_linked_once_and_its_poses_get_bette
 def test_without_poses_or_a_link_nothing_is_made_and_one_line_says_why(tmp_path, capsys):
     whole, _ = made(3)
     poses, session = posed(whole)
-    assert brought_together(poses, session, edges_of(poses, session, [])) == {}
+    assert align_sessions(poses, session, edges_of(poses, session, [])) == {}
     path, better = tmp_path / 'map.db', tmp_path / 'better.db'
     with MapBuilder(path, Config(keyframes=EVERY_FRAME)) as builder:
         for shot in shots_of(

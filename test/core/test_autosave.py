@@ -174,7 +174,7 @@ def test_a_file_that_was_replaced_is_reported_and_left_alone(path, tmp_path):
 def killed(path):
     """Return a map whose owner ended when its places were in the log alone."""
     if not os.fork():
-        writer.MapWriter.settle = lambda _: None
+        writer.MapWriter.checkpoint = lambda _: None
         grown(path, 9)
         os._exit(0)
     os.wait()

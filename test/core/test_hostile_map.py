@@ -11,7 +11,7 @@ import time
 from convseq_ros.core.map import crash_recovery
 from convseq_ros.core.map import database as limits
 from convseq_ros.core.map.crash_recovery import _checksum
-from convseq_ros.core.map.database import Database, explained
+from convseq_ros.core.map.database import as_map_error, Database
 from convseq_ros.core.map.edit import unlink
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
 from convseq_ros.core.map.place import Place
@@ -76,7 +76,7 @@ def test_a_statement_that_never_ends_is_ended(path, monkeypatch):
     monkeypatch.setattr(limits, '_LIMIT_S', 0.05)
     database = Database(path, 'ro')
     with pytest.raises(MapError, match=r'map.db: damaged map \(a statement took more than'):
-        with explained(path):
+        with as_map_error(path):
             database.rows(f'{ENDLESS} count(*) FROM c')
     assert database.number('SELECT count(*) FROM places') == 20
     database.close()

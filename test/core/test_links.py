@@ -8,7 +8,7 @@ import sqlite3
 
 from convseq_ros.cli import main
 from convseq_ros.config import make_config
-from convseq_ros.core.graph.links import beyond, Link, LINKS, Links, SessionBounds
+from convseq_ros.core.graph.links import chained, Link, LINKS, Links, SessionBounds
 from convseq_ros.core.map.edit import carry_links, joined, slices_of, without, write_new
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.place import Place
@@ -160,7 +160,7 @@ def test_the_covariance_of_two_steps_is_what_drawn_steps_scatter_by():
         moved = drawn(two) @ drawn(one)
         turn = cv2.Rodrigues(moved[:3, :3] @ mean[:3, :3].T)[0][:, 0]
         errors.append([*(moved - mean)[:3, 3], *turn])
-    both = beyond(Link(3, 2, 1, relative=one), Link(2, 1, 1, relative=two)).relative
+    both = chained(Link(3, 2, 1, relative=one), Link(2, 1, 1, relative=two)).relative
     assert np.allclose(matrix(both.pose), mean)
     scatter = np.cov(np.array(errors).T)
     assert np.abs(scatter - both.covariance).max() < 0.1 * np.abs(scatter).max()

@@ -4,7 +4,7 @@
 
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, make_config
-from convseq_ros.core.map.edit import bound
+from convseq_ros.core.map.edit import prune_looks
 from convseq_ros.core.map.online import LOOK, Looks, recognised_place
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
@@ -116,7 +116,7 @@ def test_a_file_loses_its_surplus_in_one_step_and_keeps_anchors_by_session_and_s
     save_map(whole, path)
     before = open_map(path)
     anchors = {_by_stamp(before, anchor) for _, anchor in before.links if anchor < ROUND}
-    assert bound(path, 3) == 6 * ROUND
+    assert prune_looks(path, 3) == 6 * ROUND
     left = open_map(path)
     assert len(left) == 3 * ROUND and len(left.sessions) == 3 and left.map_id != before.map_id
     assert {one.id for one in left.sessions} <= {one.id for one in before.sessions}
@@ -124,7 +124,7 @@ def test_a_file_loses_its_surplus_in_one_step_and_keeps_anchors_by_session_and_s
     # A link past what went says how far that was sure, and leads to what is left.
     assert all(one.confidence == 0.97 for one in left.links.each() if one.place % ROUND >= 3)
     was = path.read_bytes()
-    assert bound(path, 3) == 0 and path.read_bytes() == was
+    assert prune_looks(path, 3) == 0 and path.read_bytes() == was
 
 
 def _by_stamp(whole, index):

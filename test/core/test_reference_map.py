@@ -7,7 +7,7 @@ from threading import Thread
 from convseq_ros.config import Config, OnlineConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.online import OnlineMap
-from convseq_ros.core.map.place import pack_cells, Picture, Place, shown, thumbnail
+from convseq_ros.core.map.place import decode_jpeg, pack_cells, Picture, Place, thumbnail
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Frame, Pose
 import cv2
@@ -97,11 +97,11 @@ def declaring(jpeg, height, width):
 
 def test_only_what_may_be_a_thumbnail_is_decoded(monkeypatch):
     jpeg = thumbnail(np.full((480, 640), 90, np.uint8), 640)
-    assert shown(jpeg).shape == (480, 640)
-    assert shown(thumbnail(np.full((5000, 2), 90, np.uint8), 640)).shape[0] == 2560
-    assert shown(b'') is None and shown(b'no picture') is None
+    assert decode_jpeg(jpeg).shape == (480, 640)
+    assert decode_jpeg(thumbnail(np.full((5000, 2), 90, np.uint8), 640)).shape[0] == 2560
+    assert decode_jpeg(b'') is None and decode_jpeg(b'no picture') is None
     monkeypatch.setattr(cv2, 'imdecode', lambda *_: pytest.fail('it was decoded'))
-    assert shown(declaring(jpeg, 30_000, 30_000)) is None
+    assert decode_jpeg(declaring(jpeg, 30_000, 30_000)) is None
 
 
 SECOND = 10**9

@@ -188,7 +188,7 @@ class Links:
         return [(place, self.details(place)) for place in recorded]
 
 
-def beyond(link: Link, onward: Link) -> Link:
+def chained(link: Link, onward: Link) -> Link:
     """Return a link that skips a place: from a link to that place and its link onward."""
     confidences = [one.confidence for one in (link, onward) if one.confidence is not None]
     inliers = [one.inliers for one in (link, onward) if one.inliers is not None]

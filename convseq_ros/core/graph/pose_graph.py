@@ -77,7 +77,7 @@ def _numbers(moved: Matrix) -> str:
     return ' '.join(f'{value:.9g}' for value in (*pose.position, *pose.orientation))
 
 
-def brought_together(
+def align_sessions(
     poses: Poses, session: Sequence[int], edges: Iterable[Edge]
 ) -> dict[int, Matrix]:
     """Return the poses of linked sessions in the frame of the first; links vote on each motion."""
@@ -114,7 +114,7 @@ def _agreed(pairs: Sequence[tuple[Matrix, Matrix]]) -> Matrix:
     return best
 
 
-def solved(edges: Iterable[Edge], start: Poses) -> dict[int, Matrix]:
+def optimise(edges: Iterable[Edge], start: Poses) -> dict[int, Matrix]:
     """Return the optimised poses, by odometry and links; wrong links are ignored."""
     gtsam = _gtsam()
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -129,29 +129,29 @@ def solved(edges: Iterable[Edge], start: Poses) -> dict[int, Matrix]:
         noise = gtsam.noiseModel.Gaussian.Covariance(turns_first)
         moved = gtsam.Pose3(edge.moved)
         graph.add(gtsam.BetweenFactorPose3(edge.start, edge.end, moved, noise))
-    result, _ = agreeing(graph, values, graph.size() - sum(edge.is_link for edge in usable))
+    result, _ = gnc_fit(graph, values, graph.size() - sum(edge.is_link for edge in usable))
     return {index: np.asarray(result.atPose3(index).matrix()) for index in start}
 
 
-def agreeing(graph: Any, start: Any, believed: int, share: float = 0.99) -> tuple[Any, list[bool]]:
+def gnc_fit(graph: Any, start: Any, trusted: int, share: float = 0.99) -> tuple[Any, list[bool]]:
     """
     Return the optimised values of a GTSAM graph, and which further factors they agree with.
 
-    The first `believed` factors are trusted. A further one counts if its error is below the
+    The first `trusted` factors are trusted. A further one counts if its error is below the
     `share` quantile of a right factor's error, by graduated non-convexity (Yang, RA-L 2020).
     """
     gtsam = _gtsam()
     # The least squares start of the method; it is the result if all factors are trusted.
     start = gtsam.LevenbergMarquardtOptimizer(graph, start).optimize()
-    if graph.size() == believed:
+    if graph.size() == trusted:
         return start, []
     settings = gtsam.GncLMParams()
     settings.setLossType(gtsam.GncLossType.TLS)
-    settings.setKnownInliers([*range(believed)])
+    settings.setKnownInliers([*range(trusted)])
     optimizer = gtsam.GncLMOptimizer(graph, start, settings)
     optimizer.setInlierCostThresholdsAtProbability(share)
     result = optimizer.optimize()
-    return result, [bool(weight > 0.5) for weight in optimizer.getWeights()[believed:]]
+    return result, [bool(weight > 0.5) for weight in optimizer.getWeights()[trusted:]]
 
 
 def _gtsam() -> Any:

@@ -52,7 +52,7 @@ class Database:
     A connection to a map file; `mode` is ro, rw or rwc, which makes the file if it is missing.
 
     Code in the file's schema is not executed. The time of a statement and the size of a value are
-    limited. Use it within `explained`.
+    limited. Use it within `as_map_error`.
     """
 
     def __init__(self, path: Path, mode: str) -> None:
@@ -76,7 +76,7 @@ class Database:
         """Execute a statement; return its result, a single number."""
         return int(self.rows(statement)[0][0])
 
-    def sound(self, table: str, condition: str = '', values: tuple[int, ...] = ()) -> Rows:
+    def checked(self, table: str, condition: str = '', values: tuple[int, ...] = ()) -> Rows:
         """Return rows of a table; ValueError if one fails its checksum."""
         rows = self.rows(f'SELECT * FROM {table} {condition}', values)
         for row in rows:
@@ -124,9 +124,9 @@ class Database:
     def journal(self) -> None:
         """Write commits to the file again, and move the log into it; readers may delay that."""
         if not self._journal_mode('DELETE'):
-            self.settle()
+            self.checkpoint()
 
-    def settle(self) -> None:
+    def checkpoint(self) -> None:
         """Move the log's content into the file and empty the log, unless readers are busy."""
         self.rows('PRAGMA wal_checkpoint(TRUNCATE)')
 
@@ -165,7 +165,7 @@ class Database:
 
 
 @contextmanager
-def explained(path: Path) -> Iterator[None]:
+def as_map_error(path: Path) -> Iterator[None]:
     """Turn errors of a map file into a MapError: one line with the file's name and a remedy."""
     try:
         yield

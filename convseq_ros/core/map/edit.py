@@ -9,10 +9,10 @@ from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
 
-from convseq_ros.core.graph.links import beyond, Links
+from convseq_ros.core.graph.links import chained, Links
 from convseq_ros.core.map.crash_recovery import open_to_write
-from convseq_ros.core.map.database import Database, explained, MapLock
-from convseq_ros.core.map.format import kept_of, MapSession, row_crc
+from convseq_ros.core.map.database import as_map_error, Database, MapLock
+from convseq_ros.core.map.format import MapSession, row_crc, stored_settings
 from convseq_ros.core.map.online import Looks
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reader import open_map
@@ -96,7 +96,7 @@ def _refuse_incompatible(slices: Sequence[SessionSlice]) -> None:
     """Raise MapError if sessions were made with different settings, or one is there twice."""
 
     def settings_of(part: SessionSlice) -> dict[str, object]:
-        return kept_of(part.reference_map.encoding) | part.reference_map.keyframes.spacing
+        return stored_settings(part.reference_map.encoding) | part.reference_map.keyframes.spacing
 
     first, seen = slices[0], dict[str, SessionSlice]()
     expected = settings_of(first)
@@ -133,7 +133,7 @@ def carry_links(origins: Sequence[tuple[ReferenceMap, int]], links: Links) -> No
         link = source.links.details(old)
         while link and (source, link.other) not in copies:
             onward = source.links.details(link.other)
-            link = onward and beyond(link, onward)
+            link = onward and chained(link, onward)
         if link:
             other = copies[source, link.other]
             links.add(new, other, link.confidence, link.inliers, link.relative, anchor)
@@ -178,20 +178,20 @@ def without(slices: Sequence[SessionSlice], indices: Collection[int]) -> list[Se
     return [part for part in left if part.places]
 
 
-def limited(path: Path, opened: ReferenceMap, max_looks: int) -> ReferenceMap:
+def pruned(path: Path, opened: ReferenceMap, max_looks: int) -> ReferenceMap:
     """Return a map with at most `max_looks` looks of a place: the same map if it has no more."""
     surplus = Looks(opened, max_looks).surplus
     return joined(without(slices_of(path, opened), surplus)) if surplus else opened
 
 
-def bound(path: Path, max_looks: int, progress: Progress = iter) -> int:
+def prune_looks(path: Path, max_looks: int, progress: Progress = iter) -> int:
     """
     Keep at most `max_looks` looks of each place in a map file; return how many places it lost.
 
     The file is replaced in one step or not at all; MapError as for `write_new`.
     """
     before = open_map(path)
-    after = limited(path, before, max_looks)
+    after = pruned(path, before, max_looks)
     if after is not before:
         write_new(after, path, progress, before)
     return len(before) - len(after)
@@ -234,6 +234,6 @@ def unlink(path: Path, places: Collection[int] | None = None) -> int:
 @contextmanager
 def _changed(path: Path) -> Iterator[Database]:
     """Yield a map's file, opened to be changed in one transaction."""
-    with MapLock(path), explained(path), closing(open_to_write(path)) as database:
+    with MapLock(path), as_map_error(path), closing(open_to_write(path)) as database:
         with database.transaction('IMMEDIATE'):
             yield database

@@ -68,7 +68,7 @@ _MAX_CHARACTERS = 100  # of an id, which is part of every answer; a UUID has 36
 Row = tuple[object, ...]
 
 
-def kept_of(encoding: EncodingConfig) -> dict[str, Any]:
+def stored_settings(encoding: EncodingConfig) -> dict[str, Any]:
     """Return the settings of an encoding that a map stores, by name."""
     return {name: getattr(encoding, name) for name in _ENCODING}
 
@@ -92,8 +92,8 @@ class Settings:
     @property
     def rows(self) -> dict[str, str]:
         """The rows of the table `about`: values by name."""
-        kept = kept_of(self.encoding).items()
-        encoding = {name: value for name, value in kept if _LEFT_OUT.get(name) != value}
+        settings = stored_settings(self.encoding).items()
+        encoding = {name: value for name, value in settings if _LEFT_OUT.get(name) != value}
         return {
             'map_id': self.map_id,
             'encoding': json.dumps(encoding),
@@ -101,7 +101,7 @@ class Settings:
         }
 
     @classmethod
-    def of_rows(cls, stored: dict[str, str]) -> 'Settings':
+    def from_rows(cls, stored: dict[str, str]) -> 'Settings':
         """Return the settings of stored rows; ValueError if they are invalid."""
         try:
             values = {**_LEFT_OUT, **json.loads(stored['encoding'])}
@@ -115,7 +115,7 @@ class Settings:
         except (KeyError, TypeError, AttributeError, RecursionError, ConfigError) as error:
             raise ValueError(f'settings: {error}') from error
 
-    def refused(
+    def mismatch(
         self, encoding: EncodingConfig | None, keyframes: KeyframeConfig | None
     ) -> str | None:
         """Return why other settings do not fit this map, with both values; None if they do."""
@@ -169,7 +169,7 @@ class MapSession:
         return self.id, self.name, self.start_ns, camera if fields else None, self.frame
 
     @classmethod
-    def of_row(cls, row: Row) -> 'MapSession':
+    def from_row(cls, row: Row) -> 'MapSession':
         """Return the session of a stored row; ValueError or TypeError if it is invalid."""
         session_id, name, start_ns, camera, frame = row
         frame = None if frame is None else str(frame)

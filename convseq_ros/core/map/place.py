@@ -216,7 +216,7 @@ def _jpeg(gray: Gray, quality_percent: int) -> bytes:
     return cv2.imencode('.jpg', gray, [cv2.IMWRITE_JPEG_QUALITY, quality_percent])[1].tobytes()
 
 
-def shown(jpeg: bytes, most_pixels: float = _MOST_PIXELS) -> Gray | None:
+def decode_jpeg(jpeg: bytes, most_pixels: float = _MOST_PIXELS) -> Gray | None:
     """Return the image (H, W) of a JPEG; None if it is invalid or has too many pixels."""
     size = declared(jpeg)
     if size is None or size.pixels * size.passes > most_pixels:
@@ -234,16 +234,16 @@ def reduced(gray: Gray, longest_px: int) -> Gray:
     return np.asarray(cv2.resize(gray, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def kept_image(gray: Gray, width_px: int) -> bytes | None:
+def encode_image(gray: Gray, width_px: int) -> bytes | None:
     """Return an image (H, W) as a JPEG, its longer side reduced to a width; None for width 0."""
     return _jpeg(reduced(gray, width_px), KEPT_IMAGE.quality_percent) if width_px else None
 
 
-def used_image(jpeg: bytes | None, max_mpx: float) -> Gray | None:
+def decode_image(jpeg: bytes | None, max_mpx: float) -> Gray | None:
     """Return a kept image (H, W), or None without one; ValueError if too large or no JPEG."""
     if jpeg is None:
         return None
-    if (gray := shown(jpeg, max_mpx * 1e6)) is not None:
+    if (gray := decode_jpeg(jpeg, max_mpx * 1e6)) is not None:
         return reduced(gray, KEPT_IMAGE.longest_px)
     raise ValueError(f'no JPEG within max_image_mpx, {max_mpx:g}; build the map again')
 

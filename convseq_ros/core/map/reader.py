@@ -18,7 +18,7 @@ from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.crash_recovery import open_to_read
-from convseq_ros.core.map.database import Database, explained, Rows
+from convseq_ros.core.map.database import as_map_error, Database, Rows
 from convseq_ros.core.map.format import decode_cells, MapSession, row_crc, Settings, unpacked_pose
 from convseq_ros.core.map.place import NO_CELLS, Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -61,14 +61,14 @@ class MapReader:
         keyframes: KeyframeConfig | None = None,
     ) -> None:
         self._path, self._lock = path, Lock()
-        with explained(path):
+        with as_map_error(path):
             self._open()
             self._database.check(path)
-            self._about = {name: value for name, value, _ in self._database.sound('about')}
-            self.settings = Settings.of_rows(self._about)
+            self._about = {name: value for name, value, _ in self._database.checked('about')}
+            self.settings = Settings.from_rows(self._about)
         stored = self.settings.encoding
         requested = with_mask_read(encoding or stored)
-        if reason := self.settings.refused(requested, keyframes):
+        if reason := self.settings.mismatch(requested, keyframes):
             raise MapError(f'{path}: {reason}')
         kept = {name: getattr(stored, name) for name in ('resize', 'image_mask', 'keeps_cells')}
         self.encoding = replace(requested, **kept)
@@ -83,7 +83,7 @@ class MapReader:
     @contextmanager
     def released(self) -> Iterator[None]:
         """Close the file for a block that changes its journal mode; readers wait."""
-        with explained(self._path), self._lock:
+        with as_map_error(self._path), self._lock:
             self._database.close()
             try:
                 yield
@@ -112,15 +112,15 @@ class MapReader:
     def reference_map(self) -> ReferenceMap:
         """Return the map; the numbers of its places and its links are read and checked now."""
         with self._snapshot():
-            rows = self._database.sound('sessions')
-            sessions = [MapSession.of_row(row[1:-1]) for row in rows]
+            rows = self._database.checked('sessions')
+            sessions = [MapSession.from_row(row[1:-1]) for row in rows]
             if [row[0] for row in rows] != [*range(len(rows))]:
                 raise ValueError('a session is missing')
             places = Places(vector_length(self.encoding), self._end())
             kept = 'depths', 'images WHERE jpeg IS NOT NULL'
             keeps_images = any(self._database.rows(f'SELECT 1 FROM {it} LIMIT 1') for it in kept)
-            next_rows = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
-            while rows := self._database.sound('places', next_rows, (len(places), _ROWS_AT_ONCE)):
+            block = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
+            while rows := self._database.checked('places', block, (len(places), _ROWS_AT_ONCE)):
                 start, numbers = len(places), [row[-3] for row in rows]
                 expected = range(start, start + len(rows))
                 if missing := [*{*expected}.difference(row[0] for row in rows)]:
@@ -142,7 +142,7 @@ class MapReader:
         if not (self.encoding.descriptor_model and self.encoding.keeps_cells):
             return rows
         first, last = rows[0][0], rows[-1][0]
-        vectors = self._database.sound(
+        vectors = self._database.checked(
             'vectors', 'WHERE reference_index BETWEEN ? AND ?', (first, last)
         )
         if [row[0] for row in vectors] != [row[0] for row in rows]:
@@ -173,7 +173,7 @@ class MapReader:
     ) -> dict[int, tuple[Any, ...]]:
         """Return rows of a table by index; ValueError if one is missing and `are_all`."""
         where = f'WHERE reference_index IN ({", ".join("?" * len(indices))})'
-        rows = {row[0]: row[1:-1] for row in self._database.sound(table, where, tuple(indices))}
+        rows = {row[0]: row[1:-1] for row in self._database.checked(table, where, tuple(indices))}
         if are_all and (missing := [index for index in indices if index not in rows]):
             raise ValueError(f'reference {missing[0]} is missing')
         return rows
@@ -195,7 +195,7 @@ class MapReader:
 
     @contextmanager
     def _snapshot(self) -> Iterator[None]:
-        with explained(self._path), self._lock, self._database.transaction():
+        with as_map_error(self._path), self._lock, self._database.transaction():
             yield
 
 

@@ -16,8 +16,9 @@ from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Links, SessionBounds
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import (
+    decode_image,
     Depths,
-    kept_image,
+    encode_image,
     NO_CELLS,
     pack_cells,
     Packed,
@@ -28,7 +29,6 @@ from convseq_ros.core.map.place import (
     thumbnail,
     unpack_cells,
     unpacked_depths,
-    used_image,
 )
 from convseq_ros.core.types import Camera, Descriptor, Frame, Gray, Halves, Pose
 from convseq_ros.errors import MapError
@@ -107,7 +107,7 @@ class ReferenceMap:
         place = Place(frame.stamp_ns, frame.source, frame.pose, len(self.sessions) - 1)
         small, image, depths = b'', None, None
         if (gray := frame.gray) is not None:
-            small, image = thumbnail(gray, thumbnail_width_px), kept_image(gray, keep_images_px)
+            small, image = thumbnail(gray, thumbnail_width_px), encode_image(gray, keep_images_px)
             depths = packed_depths(frame.depth_m, gray.shape, self.cell_shape[0])
         packed, vector = pack_cells(descriptor.cells), descriptor.vector
         if not self.encoding.keeps_cells:
@@ -183,7 +183,7 @@ class ReferenceMap:
 
     def image(self, index: int, max_mpx: float) -> Gray | None:
         """Return the image of a place; None if none was kept, or it cannot be decoded."""
-        return self._decoded('image', index, lambda kept: used_image(kept.image, max_mpx))
+        return self._decoded('image', index, lambda kept: decode_image(kept.image, max_mpx))
 
     def depths(self, index: int) -> Depths | None:
         """Return the depths of a place's regions; None if there are none, or they are damaged."""

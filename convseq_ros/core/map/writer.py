@@ -15,7 +15,7 @@ from convseq_ros.core.encoding.regions import global_descriptor as built_in
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Row
 from convseq_ros.core.map.crash_recovery import EMPTY, open_to_write
-from convseq_ros.core.map.database import BESIDE, Database, explained, MapLock
+from convseq_ros.core.map.database import as_map_error, BESIDE, Database, MapLock
 from convseq_ros.core.map.format import MapSession, packed_pose, Settings
 from convseq_ros.core.map.place import Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader
@@ -54,7 +54,7 @@ class MapWriter:
         self._path, self.linked = path, 0  # `linked`: rows of links of the source already written
         if append and not path.is_file():
             raise MapError(f'{path}: no such map to add to')
-        with explained(path):
+        with as_map_error(path):
             self._database = open_to_write(path)
             try:
                 settings = Settings(map_id or str(uuid4()), with_mask_read(encoding), keyframes)
@@ -86,7 +86,7 @@ class MapWriter:
         return True
 
     def _insert(self, table: str, *row: object) -> None:
-        with explained(self._path):
+        with as_map_error(self._path):
             self._database.begin()
             self._database.insert(table, row)
 
@@ -126,7 +126,7 @@ class MapWriter:
             for index, picture in zip(indices, pictures, strict=True):
                 self.add(reference_map.places[index], picture, descriptors[index])
         if rows := reference_map.links.since(self.linked, self._count):
-            with explained(self._path):
+            with as_map_error(self._path):
                 self._database.begin()
                 if self._takes_links:
                     write_links(self._database, rows)
@@ -145,7 +145,7 @@ class MapWriter:
 
     def commit(self) -> None:
         """Make all added places safe on disk."""
-        with explained(self._path):
+        with as_map_error(self._path):
             self._database.commit()
         self.committed = self._count
 
@@ -158,10 +158,10 @@ class MapWriter:
                 self._database.close()
                 self._database = open_to_write(self._path)
 
-    def settle(self) -> None:
+    def checkpoint(self) -> None:
         """Move commits from the write-ahead log to the file, if there is a log."""
         with suppress(sqlite3.Error):  # the log is safe; the next commit reports a failing disk
-            self._database.settle()
+            self._database.checkpoint()
 
     def journal(self) -> None:
         """Move all commits to the file, and remove the write-ahead log."""
@@ -220,7 +220,7 @@ def _delete_journal(path: Path) -> None:
     """Delete the journals of a file before it is replaced: SQLite would apply them to the new."""
     journals = [path.with_name(path.name + end) for end in BESIDE]
     if any(journal.exists() for journal in journals):
-        with suppress(MapError), explained(path), closing(open_to_write(path)) as database:
+        with suppress(MapError), as_map_error(path), closing(open_to_write(path)) as database:
             database.number('PRAGMA page_count')  # repairs the file if possible
         for journal in journals:
             journal.unlink(missing_ok=True)
