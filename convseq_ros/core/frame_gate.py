@@ -90,7 +90,7 @@ class FrameDropDetector:
         self._intervals_ns: deque[int] = deque(maxlen=self._memory)
         self._frames, self._missing, self._stride = 0, 0, 1
 
-    def update(self, stamp_ns: int) -> int:
+    def observe(self, stamp_ns: int) -> int:
         """Return how many frames were dropped between the frame before and this one."""
         missing, usual_ns = 0, self._usual_ns()
         if self._last_ns is not None:
@@ -103,7 +103,7 @@ class FrameDropDetector:
         self._missing += missing
         return missing
 
-    def update_keyframe(self) -> int:
+    def observe_keyframe(self) -> int:
         """Make the newest frame a keyframe; return how many keyframes were dropped before it."""
         missing = self._missing // self._stride
         self._frames, self._missing, self._stride = 0, 0, max(1, self._frames)
@@ -139,10 +139,8 @@ class Standstill:
         self._seen: Glance | None = None
         self._descriptor: Descriptor | None = None
 
-    def update(
-        self, descriptor: Descriptor, pose: Pose | None, seen: Glance | None = None
-    ) -> bool:
-        """Return whether the robot stands still at a frame; an uninformative frame moves."""
+    def check(self, descriptor: Descriptor, pose: Pose | None, seen: Glance | None = None) -> bool:
+        """Return whether the robot stands still at a frame; False if it is uninformative."""
         if not descriptor.informative:
             return False
         if (still := self._by_pose(pose)) is None:
@@ -156,7 +154,7 @@ class Standstill:
 
     def is_sure(self, pose: Pose | None, seen: Glance | None) -> bool:
         """Return whether the robot surely stands still, by its pose or a near-duplicate test."""
-        if not self.asks_for_image(pose):
+        if not self.needs_image(pose):
             return bool(self._by_pose(pose))
         return self._apart(seen) < self._most_apart
 
@@ -164,11 +162,11 @@ class Standstill:
         """Return the distance of a glance from that of the last frame that moved, or NaN."""
         return math.nan if seen is None or self._seen is None else distance(seen, self._seen)
 
-    def pass_over(self, pose: Pose | None, seen: Glance | None) -> None:
+    def note_passed(self, pose: Pose | None, seen: Glance | None) -> None:
         """Store the pose and glance of a frame that moved and is not described."""
         self._pose, self._seen = pose or self._pose, seen
 
-    def asks_for_image(self, pose: Pose | None) -> bool:
+    def needs_image(self, pose: Pose | None) -> bool:
         """Return whether the image decides, because there is no pose to compare."""
         return self._by_image and self._by_pose(pose) is None
 
@@ -219,13 +217,13 @@ class FrameGate:
         gray: Gray | None = None,
     ) -> Verdict:
         """Return the verdict on the next frame; `encode` describes it if that is needed."""
-        self._drops.update(stamp_ns)
+        self._drops.observe(stamp_ns)
         if not self._is_due(stamp_ns, pose):
             return Verdict(Reason.BETWEEN_KEYFRAMES, self._blank)
         seen = None if gray is None else glance(gray)
         still = self._standstill.is_sure(pose, seen)
         # If scenes are compared, a still image does not decide yet: it may only set the reason.
-        if still and not (self._by_scene and self._standstill.asks_for_image(pose)):
+        if still and not (self._by_scene and self._standstill.needs_image(pose)):
             return self._passed(still, pose, seen, self._blank)
         if self._by_scene and self._glances.is_sure(seen):
             return self._passed(still, pose, seen, self._blank)
@@ -235,25 +233,25 @@ class FrameGate:
                 return Verdict(Reason.UNINFORMATIVE, descriptor)
             share, last = self._keyframes.keyframe_overlap, self._scene
             if last is not None and self._overlap(descriptor, last, share) > share:
-                self._glances.update(seen, True)
+                self._glances.learn(seen, True)
                 return self._passed(still, pose, seen, descriptor)
         # In the dark, noise alone may leave little overlap with the last keyframe.
-        unchanged = self._standstill.update(descriptor, pose, seen)
-        self._glances.update(seen, unchanged)
+        unchanged = self._standstill.check(descriptor, pose, seen)
+        self._glances.learn(seen, unchanged)
         if unchanged:
             return self._passed(still or not self._by_scene, pose, seen, descriptor)
         if self._by_scene:
             self._scene = descriptor
         self._last_ns, self._pose = stamp_ns, pose or self._pose
-        return Verdict(None, descriptor, self._drops.update_keyframe())
+        return Verdict(None, descriptor, self._drops.observe_keyframe())
 
     def _passed(
         self, still: bool, pose: Pose | None, seen: Glance | None, descriptor: Descriptor
     ) -> Verdict:
         if still:
-            self._drops.update_keyframe()
+            self._drops.observe_keyframe()
             return Verdict(Reason.STATIONARY, descriptor)
-        self._standstill.pass_over(pose, seen)
+        self._standstill.note_passed(pose, seen)
         return Verdict(Reason.BETWEEN_KEYFRAMES, descriptor)
 
     def _is_due(self, stamp_ns: int, pose: Pose | None) -> bool:

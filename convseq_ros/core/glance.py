@@ -78,7 +78,7 @@ class NearnessByGlance:
             return away < GLANCE.share * safe
         return away <= self._furthest and distance(seen, self._near) < GLANCE.beside * safe
 
-    def update(self, seen: Glance | None, is_near: bool) -> None:
+    def learn(self, seen: Glance | None, is_near: bool) -> None:
         """Learn from a result of the slower test; a far frame becomes the new reference."""
         if is_near:
             if seen is not None and self._last is not None:

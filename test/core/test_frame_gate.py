@@ -153,13 +153,13 @@ def view(shift_px=0, noise=0.0, seed=0):
 def test_the_same_view_with_noise_is_a_standstill_and_another_view_is_not():
     still = watching()
     frames = [view(), view(noise=2, seed=1), view(noise=2, seed=2), view(shift_px=12)]
-    assert [still.update(one, None) for one in frames] == [False, True, True, False]
+    assert [still.check(one, None) for one in frames] == [False, True, True, False]
 
 
 @pytest.mark.parametrize('settings', [{'by_image': False}, {'stationary_overlap': 1.0}])
 def test_images_are_asked_only_where_they_should_be(settings):
     still = watching(**settings)
-    assert [still.update(view(), None) for _ in range(3)] == [False] * 3
+    assert [still.check(view(), None) for _ in range(3)] == [False] * 3
 
 
 @pytest.mark.parametrize(
@@ -168,26 +168,26 @@ def test_images_are_asked_only_where_they_should_be(settings):
 )
 def test_odometry_decides_where_it_is_given(pose, holds):
     still = watching(stationary_m=0.05)
-    assert not still.update(view(), at(0.0))
-    assert still.update(view(shift_px=18), pose) is holds
+    assert not still.check(view(), at(0.0))
+    assert still.check(view(shift_px=18), pose) is holds
 
 
 def test_odometry_is_compared_with_the_last_that_moved():
     still = watching(stationary_m=0.05)
-    held = [still.update(view(), at(0.02 * step)) for step in range(8)]
+    held = [still.check(view(), at(0.02 * step)) for step in range(8)]
     assert held == [False, True, True, False, True, True, False, True]
 
 
 def test_without_a_distance_odometry_is_not_asked():
     still = watching(stationary_m=0.0)
-    assert not still.update(view(), at(0.0))
-    assert still.update(view(), at(9.0)) and not still.update(view(shift_px=18), at(9.0))
+    assert not still.check(view(), at(0.0))
+    assert still.check(view(), at(9.0)) and not still.check(view(shift_px=18), at(9.0))
 
 
 def test_a_dark_frame_is_no_standstill_and_does_not_count():
     still = watching()
     frames = [view(), blank_descriptor(SMALL), view(noise=1)]
-    assert [still.update(one, None) for one in frames] == [False, False, True]
+    assert [still.check(one, None) for one in frames] == [False, False, True]
 
 
 FRAME_NS = 33_333_333
@@ -195,7 +195,7 @@ FRAME_NS = 33_333_333
 
 def missing(stamps_ns):
     detector = FrameDropDetector()
-    return [detector.update(int(stamp_ns)) for stamp_ns in stamps_ns]
+    return [detector.observe(int(stamp_ns)) for stamp_ns in stamps_ns]
 
 
 def test_a_gap_is_counted_in_frames_once_the_interval_is_known():
@@ -220,9 +220,9 @@ def missing_keyframes(shown, keyframes):
     """Return how many keyframes are missing before each keyframe that was shown."""
     detector, found = FrameDropDetector(), {}
     for index in shown:
-        detector.update(index * FRAME_NS)
+        detector.observe(index * FRAME_NS)
         if index in keyframes:
-            found[index] = detector.update_keyframe()
+            found[index] = detector.observe_keyframe()
     return found
 
 
@@ -251,7 +251,7 @@ def learned(*tested):
     """Return what has seen a far frame at 0 and then frames so far away: near, or None for far."""
     near = NearnessByGlance()
     for apart in (None, *tested):
-        near.update(seen(apart or 0.0), apart is not None)
+        near.learn(seen(apart or 0.0), apart is not None)
     return near
 
 
