@@ -31,8 +31,8 @@ class EncodingConfig(Checked):
         512, 'Images are resized to a square with sides of this length before they are compared.',
         unit='px', low=64, high=2048,
     )
-    saliency_threshold: float = 0.5  # of 8 bits: least mean entropy of a salient region; ET there
-    resize: str = 'exact'  # the same on every processor; linear is what was published
+    saliency_threshold: float = 0.5  # minimum mean entropy of a salient region, of 8 bits (ET)
+    resize: str = 'exact'  # same result on every processor; linear is the published method
     image_mask: str = parameter(
         '', 'Picture file that is black where images show the robot itself; empty uses the mask '
         'that the map stores, if any.',
@@ -42,10 +42,10 @@ class EncodingConfig(Checked):
         'on its side or upside down (0, 90, 180 or 270).', unit='deg', low=0, high=270,
     )
     descriptor_model: str = parameter(
-        '', 'ONNX file of a network that turns an image into the vector by which places are found '
-        'first; empty for the built-in one. A map is of one model.',
+        '', 'ONNX file of the network whose descriptors select the places to compare; empty for '
+        'the built-in descriptor. All places of a map need the same model.',
     )
-    keeps_cells: bool = True  # in maps; with `matching: descriptor` they are not needed
+    keeps_cells: bool = True  # whether maps store cells; `matching: descriptor` needs none
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -56,7 +56,7 @@ class EncodingConfig(Checked):
 
 @dataclass(frozen=True, slots=True)
 class MatchingConfig(Checked):
-    """How a pair of images is scored, and which pairs are."""
+    """How a pair of images is scored, and which pairs are scored."""
 
     matching: str = parameter(
         'coherent', 'How two images are compared: coherent counts regions that moved together, '
@@ -69,8 +69,8 @@ class MatchingConfig(Checked):
         'comparison finds likely, exhaustive takes all of them, as in the paper.',
         choices=('exhaustive', 'shortlist'),
     )
-    subtract_background: bool = True  # coherent: what map and drive have in common counts nothing
-    shortlist_length: int = 40  # places likely by the drive; a quarter more by the newest frame
+    subtract_background: bool = True  # coherent: ignore features that all images share
+    shortlist_length: int = 40  # places by the drive so far; a quarter more by the newest frame
     both_directions: bool = parameter(
         False, 'Whether the robot often passes the places of the map in reverse order: in '
         'reverse gear, or with a rear camera on the way back.',
@@ -94,17 +94,17 @@ class SequenceConfig(Checked):
         0, 'Number of frames in every sequence; 0 chooses the length for each frame, as in the '
         'paper.', unit='frames', low=0, high=100, dynamic=True,
     )
-    # Of the paper: a sequence grows while its oldest frame is as similar to the newest as IT, ...
+    # From the paper: a sequence grows while its oldest and newest frame are this similar (IT) ...
     overlap_threshold: float = 0.9
-    entropy_threshold: float = 0.5  # ... or its mean entropy, of 8 bits, is at most ET
-    # Frames.
+    entropy_threshold: float = 0.5  # ... or its mean entropy, of 8 bits, is at most this (ET)
+    # In frames.
     min_length: int = 2
-    max_overlap_length: int = 15  # that similarity alone can make
+    max_overlap_length: int = 15  # the longest sequence by similarity alone
     max_length: int = 25
 
     @property
     def window(self) -> int:
-        """The most frames that a sequence can need."""
+        """Maximum number of frames in a sequence."""
         return self.fixed_length or self.max_length
 
 
@@ -130,7 +130,7 @@ class AcceptanceConfig(Checked):
         10, 'Places of the map that are further than this from a candidate are its rivals.',
         unit='places', low=0, high=10000, dynamic=True,
     )
-    num_candidates: int = 5  # in every result, no two nearer than rival_distance
+    num_candidates: int = 5  # per result; no two are closer than rival_distance
     closure_interval_s: float = parameter(
         0.0, 'Minimum time between two accepted matches; 0 accepts every confident frame.',
         unit='s', low=0.0, high=3600.0, dynamic=True,
@@ -139,7 +139,7 @@ class AcceptanceConfig(Checked):
 
 @dataclass(frozen=True, slots=True)
 class MotionConfig(Checked):
-    """When a robot stands still: such frames add no information and are left out."""
+    """When a robot stands still: its frames add no information and are left out."""
 
     # Without odometry, a robot stands still while frames are more similar than this; 1: never.
     stationary_overlap: float = 0.985
@@ -152,7 +152,7 @@ class MotionConfig(Checked):
 
 @dataclass(frozen=True, slots=True)
 class RobotConfig(Checked):
-    """Where the camera is on the robot, and how far odometry is believed."""
+    """Where the camera is on the robot, and how far odometry is trusted."""
 
     camera_to_base: str = parameter(
         _UNKNOWN_MOUNT, 'Pose of the upright camera in base_frame (x y z in metres, then roll '
@@ -161,10 +161,10 @@ class RobotConfig(Checked):
     )
     odometry_way_error: float = parameter(
         0.1, 'Largest error of odometry as a fraction of the distance travelled; a match that '
-        'contradicts odometry by more is implausible, and 0 believes every match.',
+        'contradicts odometry by more is implausible; 0 turns this check off.',
         low=0.0, high=10.0,
     )
-    odometry_turn_error: float = 0.05  # of what the robot turns, in addition
+    odometry_turn_error: float = 0.05  # in addition, as a fraction of the angle turned
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -176,18 +176,18 @@ class RobotConfig(Checked):
 
     @property
     def mount(self) -> tuple[float, ...]:
-        """The numbers of camera_to_base, six, of the first camera."""
+        """The six numbers of camera_to_base for the first camera."""
         return _numbers(self.camera_to_base.split(';')[0])
 
     def of_camera(self, number: int) -> 'RobotConfig':
-        """Return the settings of a camera by its number; zeros for a camera without a pose."""
-        given = self.camera_to_base.split(';')
-        own = given[number] if number < len(given) else _UNKNOWN_MOUNT
-        return replace(self, camera_to_base=own)
+        """Return the settings of camera `number`; its pose is zeros if none is given."""
+        mounts = self.camera_to_base.split(';')
+        mount = mounts[number] if number < len(mounts) else _UNKNOWN_MOUNT
+        return replace(self, camera_to_base=mount)
 
 
 def _numbers(text: str) -> tuple[float, ...]:
-    """Return six numbers; none if they are not."""
+    """Return the six numbers of a text; an empty tuple if it does not hold six."""
     try:
         numbers = tuple(float(word) for word in text.split())
     except ValueError:
@@ -197,7 +197,7 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True)
 class OnlineConfig(Checked):
-    """Whether the map grows from the robot's own past, and how much of that is too fresh."""
+    """Whether the map grows while driving, and which new places are too recent to match."""
 
     mode: str = parameter(
         'preloaded', 'preloaded recognises the places of an existing map, online also adds new '
@@ -224,7 +224,7 @@ class OnlineConfig(Checked):
 
 @dataclass(frozen=True, slots=True)
 class KeyframeConfig(Checked):
-    """Which frames become places; frames matched with a map are as far apart as it says."""
+    """Which frames become places; frames to match are as far apart as the places of the map."""
 
     keyframe_interval_s: float = parameter(
         0.0, 'Minimum time between two keyframes.', unit='s', low=0.0, high=3600.0,
@@ -238,7 +238,7 @@ class KeyframeConfig(Checked):
         'together since the last keyframe; 1 takes every frame, as in the paper.',
         low=0.0, high=1.0,
     )
-    thumbnail_width_px: int = 128  # of the pictures that a map keeps for people; 0 keeps none
+    thumbnail_width_px: int = 128  # of the previews that a map stores; 0 stores none
     keep_images_px: int = parameter(
         0, 'Longer side of an image that the map keeps for each place, for more exact relative '
         'poses by day; 0 keeps none.', unit='px', low=0, high=1280,
@@ -246,7 +246,7 @@ class KeyframeConfig(Checked):
 
     @property
     def spacing(self) -> dict[str, float]:
-        """What decides how far apart keyframes are, by name."""
+        """The settings for the spacing of keyframes, by name."""
         return {
             'keyframe_interval_s': self.keyframe_interval_s,
             'keyframe_distance_m': self.keyframe_distance_m,
@@ -260,7 +260,7 @@ EVERY_FRAME = KeyframeConfig(keyframe_overlap=1.0)
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """Everything that decides a match: the same online and offline."""
+    """All settings that affect a match; they are the same online and offline."""
 
     encoding: EncodingConfig = EncodingConfig()
     matching: MatchingConfig = MatchingConfig()
@@ -295,7 +295,7 @@ def core_parameters() -> Iterator[Parameter]:
 
 
 def make_group(kind: type[Group], values: Mapping[str, Any]) -> Group:
-    """Return a group with the values that are its own; others are left to their groups."""
+    """Return a group with those of the values that belong to it; ignore the others."""
     names = {item.name for item in parameters(kind)}
     return kind(**{name: value for name, value in values.items() if name in names})
 
@@ -307,16 +307,16 @@ def make_config(values: Mapping[str, Any]) -> Config:
 
 
 def with_values(config: Config, values: Mapping[str, Any]) -> Config:
-    """Return a configuration with other values, given under flat names; constants may be too."""
+    """Return a configuration with some values replaced, by flat name; constants are allowed."""
     changed = {}
     for name in _GROUPS:
         group = getattr(config, name)
-        own = {one.name: values[one.name] for one in fields(group) if one.name in values}
-        changed[name] = replace(group, **own)
+        new = {item.name: values[item.name] for item in fields(group) if item.name in values}
+        changed[name] = replace(group, **new)
     return replace(config, **changed)
 
 
 def flatten(config: Config) -> dict[str, Value]:
-    """Return all values of a configuration, constants too, under their flat names."""
+    """Return all values of a configuration, also constants, by flat name."""
     groups = (getattr(config, name) for name in _GROUPS)
-    return {one.name: getattr(group, one.name) for group in groups for one in fields(group)}
+    return {item.name: getattr(group, item.name) for group in groups for item in fields(group)}

@@ -33,24 +33,24 @@ class ModelError(ConvseqError):
 
 
 class FleetError(ConvseqError):
-    """A cluster cannot be reached, must not be, or none of its maps can be opened."""
+    """A cluster cannot be reached or is not allowed, or none of its maps can be opened."""
 
 
-def one_line(error: BaseException, most: int = 200) -> str:
-    """Return what an error says in one line, of another library at most that many characters."""
+def one_line(error: BaseException, limit: int = 200) -> str:
+    """Return an error's message in one line; cut it at `limit` if it is another library's."""
     line = ' '.join(str(error).split())
-    return (line if isinstance(error, ConvseqError) else line[:most]) or type(error).__name__
+    return (line if isinstance(error, ConvseqError) else line[:limit]) or type(error).__name__
 
 
 def in_full(error: Exception) -> str:
-    """Return what went wrong; of what nobody foresaw, where."""
+    """Return an error's message, with the traceback if the error is not an expected one."""
     if isinstance(error, ConvseqError | OSError):
         return str(error)
     return ''.join(traceback.format_exception(error))
 
 
 def pip_install(*packages: str) -> str:
-    """Return a pip command for this Python; apt's own adds packages only with one word more."""
+    """Return a pip command for this Python; that of apt needs an additional option."""
     names = ' '.join(f"'{name}'" if '[' in name else name for name in packages)
     managed = Path(sysconfig.get_path('stdlib'), 'EXTERNALLY-MANAGED').is_file()
     if managed and sys.prefix == sys.base_prefix:

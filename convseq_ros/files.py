@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Small files that a stranger may have made: what they declare is checked first."""
+"""Reads small files of unknown origin: the declared size is checked before anything is read."""
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, MISSING
@@ -23,7 +23,7 @@ def read_yaml(path: Path, reading: ReadingConfig = ReadingConfig()) -> Mapping[s
     """
     Return the mapping in a YAML file; or ConfigError.
 
-    It may not refer to its own parts, which ROS does not read either: a few lines can stand for
+    Aliases are refused, which ROS does not read either: with them a few lines can expand to
     terabytes.
     """
     try:
@@ -46,7 +46,7 @@ def read_yaml(path: Path, reading: ReadingConfig = ReadingConfig()) -> Mapping[s
 
 
 def _plain(loader: Any, path: Path) -> Any:
-    """Return what a loader reads, if no part of it stands for another."""
+    """Return the content that a loader reads; ConfigError if it has an alias."""
     import yaml
 
     compose = loader.compose_node
@@ -65,19 +65,19 @@ def _plain(loader: Any, path: Path) -> Any:
 
 def made_record(kind: type[Record], content: Any, where: str, base: Path = Path()) -> Record:
     """
-    Return a dataclass with the values of a mapping, whose relative paths start at `base`.
+    Return a dataclass with the values of a mapping; relative paths start at `base`.
 
-    ConfigError if a value is missing, does not suit its field, or has none.
+    ConfigError if a value is missing, does not suit its field, or has no field.
     """
     if not isinstance(content, Mapping):
         raise ConfigError(f'{where} is not a list of `key: value`')
-    known = {item.name: item for item in fields(kind)}  # type: ignore[arg-type]
-    refuse_unknown(content, known, f'{where}: unknown key')
-    for name, item in known.items():
+    declared = {item.name: item for item in fields(kind)}  # type: ignore[arg-type]
+    refuse_unknown(content, declared, f'{where}: unknown key')
+    for name, item in declared.items():
         if item.default is MISSING and item.default_factory is MISSING and name not in content:
             raise ConfigError(f'{where}: says no {name}; add it')
     values = {
-        name: _suited(known[name].type, value, f'{where}: {name}', base)
+        name: _suited(declared[name].type, value, f'{where}: {name}', base)
         for name, value in content.items()
     }
     try:
@@ -87,11 +87,11 @@ def made_record(kind: type[Record], content: Any, where: str, base: Path = Path(
 
 
 def _suited(kind: Any, value: Any, where: str, base: Path) -> Any:
-    """Return a value in the type of a field; ConfigError if it is of another."""
-    for one in get_args(kind) or (kind,):
-        if is_dataclass(one):
-            return made_record(one, value, where, base)  # type: ignore[arg-type]
-        if one is Path:
+    """Return a value in the type of a field; ConfigError if its type does not suit."""
+    for option in get_args(kind) or (kind,):
+        if is_dataclass(option):
+            return made_record(option, value, where, base)  # type: ignore[arg-type]
+        if option is Path:
             if get_origin(kind) is not Mapping:
                 return base / str(value)
             if isinstance(value, Mapping):
@@ -108,7 +108,7 @@ def _suited(kind: Any, value: Any, where: str, base: Path) -> Any:
 
 
 def read_array(path: Path, reading: ReadingConfig = ReadingConfig()) -> npt.NDArray[Any]:
-    """Return plain numbers from a .npy; SourceError if they are too large."""
+    """Return the array of plain numbers in a .npy file; SourceError if it is too large."""
     refuse_irregular(path)
     try:
         with path.open('rb') as file:
@@ -131,14 +131,14 @@ def _array(file: Any, path: Path, reading: ReadingConfig) -> npt.NDArray[Any]:
     if dtype.hasobject:
         raise ValueError('it holds objects')
     reading.refuse_file(path, size)
-    # Not by NumPy, which takes the memory before it looks whether the numbers are there.
+    # NumPy's reader allocates the memory before it checks that the file holds the numbers.
     return np.ndarray(shape, dtype, file.read(size), order='F' if is_fortran else 'C')
 
 
 def read_text(
     path: Path, what: str, reading: ReadingConfig = ReadingConfig(), cost: int = AS_TEXT
 ) -> str:
-    """Return what is in a text file; SourceError as `read_bytes`, or if it is no text."""
+    """Return the content of a text file; SourceError as in `read_bytes`, or if it is not text."""
     try:
         return read_bytes(path, what, partial(reading.refuse_file, cost=cost)).decode('utf-8')
     except UnicodeDecodeError:

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of the ROS node alone, which decide no match; written once, as in `config`."""
+"""The parameters of the ROS node that do not affect a match; written once, as in `config`."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from convseq_ros.parameter import Checked, parameter
 # fmt: off
 @dataclass(frozen=True, slots=True)
 class NodeConfig(Checked):
-    """What concerns the ROS node alone: topics, queues and files."""
+    """Settings of the ROS node: topics, queues and files."""
 
     map_path: str = parameter(
         '', 'Map file to open at the start; online mode creates it if it does not exist.',
@@ -22,12 +22,12 @@ class NodeConfig(Checked):
     )
     result_file: str = parameter('', 'CSV file that gets a row for every frame; empty for none.')
     fleet: str = parameter(
-        '', 'Address of a Dask scheduler whose maps are searched beside the own map, such as '
-        'tcp://127.0.0.1:8786, with answers on ~/fleet_answer; empty for none.',
+        '', 'Address of a Dask scheduler, such as tcp://127.0.0.1:8786, whose maps are searched '
+        'in addition to map_path, with answers on ~/fleet_answer; empty for none.',
     )
     image_topics: str = parameter(
-        '', 'Image topics of several cameras, with spaces between, of which only the first adds '
-        'to the map; empty for one camera on the topic `image`.',
+        '', 'Image topics of several cameras, separated by spaces; only the first camera adds '
+        'places to the map; empty for one camera on the topic `image`.',
     )
     queue_size: int = parameter(
         30, 'Maximum number of waiting frames; beyond it the oldest is dropped and counted.',
@@ -38,12 +38,12 @@ class NodeConfig(Checked):
         unit='s', low=0.0, high=3600.0,
     )
     odom_wait_s: float = parameter(
-        0.05, 'Maximum time that a frame waits for the odometry of its moment.',
+        0.05, 'Maximum time that a frame waits for odometry at its stamp.',
         unit='s', low=0.0, high=10.0,
     )
     depth_topic: str = parameter(
-        '', 'Topic of depth images registered to the camera (16UC1 in mm or 32FC1 in m), by '
-        'which poses need no odometry; empty for none.',
+        '', 'Topic of depth images registered to the camera (16UC1 in mm or 32FC1 in m); with '
+        'them poses need no odometry; empty for none.',
     )
     base_frame: str = parameter(
         'base_link', 'TF frame of the robot, whose pose ~/pose and ~/closure report.',
@@ -53,14 +53,14 @@ class NodeConfig(Checked):
         0.5, 'Standard deviation of the positions in the map, which adds to the covariance of '
         '~/pose.', unit='m', low=0.0, high=1000.0, dynamic=True,
     )
-    heading_sigma_rad: float = 0.1  # the same of headings
+    heading_sigma_rad: float = 0.1  # the same for headings
     localize_timeout_s: float = parameter(
         10.0, 'Maximum time until ~/localize answers.',
         unit='s', low=0.0, high=3600.0, dynamic=True,
     )
     publish_initial_pose: bool = parameter(
-        False, 'Whether one pose is published on `initialpose` each time that the robot was lost '
-        'and is localised.',
+        False, 'Whether a pose is published on `initialpose` each time the robot is localised '
+        'after being lost.',
     )
     lifecycle: bool = parameter(
         False, 'Whether the node waits to be configured and activated by ~/change_state '

@@ -1,19 +1,19 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Which other files an ONNX file has its weights in.
+The external files in which an ONNX model stores its weights.
 
-Only the outline of the protobuf is read: fields that lead to a tensor's `external_data`, by their
+Only part of the protobuf is read: the fields that lead to a tensor's `external_data`, by their
 numbers in onnx.proto.
 """
 
 from collections.abc import Iterator
 
-MOST_FIELDS = 5_000_000  # that are looked at; a large network has some 100,000
+MOST_FIELDS = 5_000_000  # that are read; a large network has some 100,000
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _WIDTH = {_FIXED64: 8, _FIXED32: 4}
-# Of each kind of message, what its fields lead to.
-_LEADS = {
+# For each kind of message: the kinds of its fields, by field number.
+_CHILDREN = {
     'model': {7: 'graph', 20: 'training', 25: 'function'},
     'training': {1: 'graph', 2: 'graph'},
     'graph': {1: 'node', 5: 'tensor', 15: 'sparse'},
@@ -27,22 +27,22 @@ _LEADS = {
 
 
 def external_files(data: bytes) -> list[str]:
-    """Return the files that tensors of a model lie in, as it names them; ValueError if damaged."""
-    found, waiting, left = dict[str, None](), [('model', 0, len(data))], MOST_FIELDS
+    """Return the names of a model's external weight files; ValueError if it is damaged."""
+    files, waiting, fields_left = dict[str, None](), [('model', 0, len(data))], MOST_FIELDS
     while waiting:
         kind, start, end = waiting.pop()
         texts = dict[str, bytes]()
         for number, first, last in _fields(data, start, end):
-            if not (left := left - 1):
+            if not (fields_left := fields_left - 1):
                 raise ValueError(f'more than {MOST_FIELDS} fields')
-            inner = _LEADS[kind].get(number)
+            inner = _CHILDREN[kind].get(number)
             if inner in ('key', 'value'):
                 texts[inner] = data[first:last]
             elif inner:
                 waiting.append((inner, first, last))
         if texts.get('key') == b'location':
-            found[texts.get('value', b'').decode()] = None
-    return [*found]
+            files[texts.get('value', b'').decode()] = None
+    return [*files]
 
 
 def _fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int]]:

@@ -24,13 +24,13 @@ IMAGENET_MEAN = (0.485, 0.456, 0.406)
 IMAGENET_SCALE = (0.229, 0.224, 0.225)
 _COLORS = ('rgb', 'bgr', 'gray')
 _TYPES = {'tensor(float)': np.float32, 'tensor(float16)': np.float16}
-_SAME = 1e-3  # of a vector's length: what the order of sums may change
+_SAME = 1e-3  # of a vector's length: difference due to the order of sums
 _ELSEWHERE = 'AzureExecutionProvider'  # would send images to a server
 
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """How images become a network's input: (value / 255 - mean) / scale; None where not known."""
+    """How images become a network's input: (value / 255 - mean) / scale; None if not given."""
 
     size: tuple[int, int] | None = None  # height and width
     mean: tuple[float, ...] | None = None  # one, or one for each channel
@@ -38,19 +38,19 @@ class Input:
     color: str | None = None  # rgb, bgr or gray
 
     @classmethod
-    def of(cls, said: Mapping[str, Any], where: object) -> 'Input':
-        """Return what texts or lists say; ModelError if that cannot be understood."""
+    def of(cls, settings: Mapping[str, Any], where: object) -> 'Input':
+        """Return the input that settings, texts or lists, describe; ModelError if invalid."""
         try:
-            known = {item.name for item in fields(cls)}
-            if unknown := [*said.keys() - known]:
-                raise ValueError(f'{unknown[0]!r} is none of {", ".join(sorted(known))}')
-            numbers = {name: _numbers(said[name]) for name in said if name != 'color'}
+            names = {item.name for item in fields(cls)}
+            if unknown := [*settings.keys() - names]:
+                raise ValueError(f'{unknown[0]!r} is none of {", ".join(sorted(names))}')
+            numbers = {name: _numbers(settings[name]) for name in settings if name != 'color'}
             if not all(numbers.get('scale', ())):
                 raise ValueError('scale is not 0')
             size: Any = tuple(map(int, numbers.pop('size', ()))) or None
             if size and (len(size) > 2 or min(size) < 1 or max(size) > 4096):
                 raise ValueError(f'size {size} is not height and width, 1 to 4096 px')
-            color = said.get('color')
+            color = settings.get('color')
             if color is not None and color not in _COLORS:
                 raise ValueError(f'color {color!r} is none of {", ".join(_COLORS)}')
             return cls(size=size and (size[0], size[-1]), color=color, **numbers)
@@ -58,7 +58,7 @@ class Input:
             raise ModelError(f'{where}: {error}') from None
 
     def with_others(self, other: 'Input', where: object) -> 'Input':
-        """Return both; ModelError if they contradict each other."""
+        """Return both merged; ModelError if they contradict each other."""
         both: dict[str, Any] = {}
         for name, value in (*asdict(self).items(), *asdict(other).items()):
             if value is not None and both.setdefault(name, value) != value:
@@ -71,16 +71,16 @@ class Input:
 
 class OnnxModel:
     """
-    A network that turns an image into a descriptor, a vector of so many `numbers`.
+    A network that turns an image into a descriptor, a vector of `numbers` elements.
 
-    Its input is float (n, C, H, W), with 1 or 3 channels; its first output, of any shape, is the
-    vector. If n is free, `batch` takes several images, else it is None. How images become the
-    input is said by its metadata, by a YAML file of its name beside it, or is `given`: `size`,
-    `mean`, `scale` and `color`; by default it is as ImageNet's.
-    `identity` is the SHA-256 of the file, of those that its weights lie in, and of the YAML file;
-    `wants_color` tells whether it is given images in colour, where there are some. ModelError if
-    onnxruntime is missing, or the model is too large for `reading`, damaged, has files outside its
-    folder, operators of its own, another input, or fails on an image.
+    Its input is float (n, C, H, W) with 1 or 3 channels; its first output, of any shape, is the
+    vector. If n is free, `batch` describes several images at once; otherwise it is None. `size`,
+    `mean`, `scale` and `color` of the input come from the model's metadata, from a YAML file of
+    the same name beside it, or from `given`; the defaults are those of ImageNet.
+    `identity` is the SHA-256 of the model, its weight files and the YAML file; `wants_color` is
+    true if the network uses colour. ModelError if onnxruntime is missing, or if the model is
+    larger than `reading` allows, is damaged, has files outside its folder, custom operators or
+    another input, or fails on an image.
     """
 
     def __init__(
@@ -97,22 +97,22 @@ class OnnxModel:
         try:
             data, digest = self._read(path, reading)
             beside = path.with_suffix('.yaml')
-            said = Input.of(given or {}, path)
+            chosen = Input.of(given or {}, path)
             if beside.is_file():
                 digest.update(read_bytes(beside, 'a description', reading.refuse_file))
-                said = said.with_others(Input.of(read_yaml(beside, reading), beside), beside)
+                chosen = chosen.with_others(Input.of(read_yaml(beside, reading), beside), beside)
         except SourceError as error:
             raise ModelError(str(error)) from None
         except ValueError as error:
-            what = f'{path}: not an ONNX model ({one_line(error)}); export it again'
-            raise ModelError(what) from None
+            line = f'{path}: not an ONNX model ({one_line(error)}); export it again'
+            raise ModelError(line) from None
         self.identity = digest.hexdigest()
         self._session = self._opened(onnxruntime, data)
-        own = self._session.get_modelmeta().custom_metadata_map
-        names = {item.name for item in fields(Input)}
-        told = Input.of({name: own[name] for name in own.keys() & names}, path)
+        metadata = self._session.get_modelmeta().custom_metadata_map
+        names = metadata.keys() & {item.name for item in fields(Input)}
+        in_model = Input.of({name: metadata[name] for name in names}, path)
         where = beside if beside.is_file() else path
-        self._take_in(self._fixed().with_others(told, path).with_others(said, where))
+        self._configure(self._graph_input().with_others(in_model, path).with_others(chosen, where))
         drawn = np.random.default_rng(0).integers(0, 256, (*self._size, 3), np.uint8)
         alone = self(drawn)
         self.numbers = len(alone)
@@ -127,19 +127,19 @@ class OnnxModel:
         return self._vectors([image])[0]
 
     def _vectors(self, images: Sequence[npt.NDArray[np.uint8]]) -> list[npt.NDArray[np.float32]]:
-        answer = self._run(images) if len(images) > 1 else [self._run(images)]
-        return [checked_vector(own, self.numbers, self._path) for own in answer]
+        vectors = self._run(images) if len(images) > 1 else [self._run(images)]
+        return [checked_vector(vector, self.numbers, self._path) for vector in vectors]
 
     def _takes_several(self, image: npt.NDArray[np.uint8], alone: npt.NDArray[np.float32]) -> bool:
-        """Return whether an image beside another one has the vector that it has alone."""
+        """Return whether an image has the same vector in a batch as alone."""
         if not self._is_free:
             return False
         try:
             together = self._vectors([255 - image, image])
-        except ModelError:  # as of a graph that was traced for one image
+        except ModelError:  # for example, a graph traced for a single image
             return False
-        off = np.linalg.norm(together[-1] - alone)
-        return len(together) == 2 and bool(off <= _SAME * np.linalg.norm(alone))
+        difference = np.linalg.norm(together[-1] - alone)
+        return len(together) == 2 and bool(difference <= _SAME * np.linalg.norm(alone))
 
     def _run(self, images: Sequence[npt.NDArray[np.uint8]]) -> npt.NDArray[np.float32]:
         """Return the model's first output for images."""
@@ -167,7 +167,7 @@ class OnnxModel:
         return ((planes - self._mean) / self._scale).astype(self._type)
 
     def _read(self, path: Path, reading: ReadingConfig) -> tuple[bytes, Any]:
-        """Return what is in the file, and the digest of it and of the files it names."""
+        """Return the content of the file, and the digest of it and of its weight files."""
         data = read_bytes(path, 'an ONNX model', reading.refuse_file)
         digest, size, folder = hashlib.sha256(data), len(data), path.resolve().parent
         for name in external_files(data):
@@ -182,8 +182,8 @@ class OnnxModel:
             size += file.stat().st_size
             reading.refuse_file(path, size)
             with file.open('rb') as opened:
-                while some := opened.read(1 << 20):
-                    digest.update(some)
+                while piece := opened.read(1 << 20):
+                    digest.update(piece)
         return data, digest
 
     def _opened(self, onnxruntime: Any, data: bytes) -> Any:
@@ -194,7 +194,7 @@ class OnnxModel:
         folder = str(self._path.resolve().parent)
         where = 'session.model_external_initializers_file_folder_path'
         options.add_session_config_entry(where, folder)
-        providers = [one for one in onnxruntime.get_available_providers() if one != _ELSEWHERE]
+        providers = [name for name in onnxruntime.get_available_providers() if name != _ELSEWHERE]
         try:
             return onnxruntime.InferenceSession(data, options, providers=providers)
         except Exception as error:
@@ -203,16 +203,16 @@ class OnnxModel:
                 'export it with standard operators'
             ) from None
 
-    def _fixed(self) -> Input:
-        """Return what the graph says of its input."""
+    def _graph_input(self) -> Input:
+        """Return the input as the graph declares it."""
         inputs = self._session.get_inputs()
         shape = inputs[0].shape if inputs else []
         fitting = len(inputs) == 1 and len(shape) == 4 and inputs[0].type in _TYPES
         sides = [side if isinstance(side, int) and side > 0 else None for side in shape]
         if not fitting or sides[0] not in (None, 1) or sides[1] not in (None, 1, 3):
-            found = '; '.join(f'{item.name} {item.type} {item.shape}' for item in inputs)
+            actual = '; '.join(f'{item.name} {item.type} {item.shape}' for item in inputs)
             raise ModelError(
-                f'{self._path}: its input is {found[:200] or "missing"}; expected one float '
+                f'{self._path}: its input is {actual[:200] or "missing"}; expected one float '
                 'tensor of shape (1, 1 or 3, height, width)'
             )
         self._input, self._type = inputs[0].name, _TYPES[inputs[0].type]
@@ -222,24 +222,24 @@ class OnnxModel:
         size = (height, width) if height and width else None
         return Input(size, color='gray' if self._channels == 1 else None)
 
-    def _take_in(self, said: Input) -> None:
-        """Go by what the graph, its metadata and others say of its input."""
-        if said.size is None:
+    def _configure(self, described: Input) -> None:
+        """Set how images become the network's input."""
+        if described.size is None:
             raise ModelError(
                 f'{self._path}: takes images of any size; say `size: [height, width]` in '
                 f'{self._path.with_suffix(".yaml").name}'
             )
-        self._size, self._color = said.size, said.color or 'rgb'
+        self._size, self._color = described.size, described.color or 'rgb'
         self.wants_color = self._color != 'gray'
         self._channels = self._channels or (3 if self.wants_color else 1)
-        self._mean = self._per_channel(said.mean, IMAGENET_MEAN)
-        self._scale = self._per_channel(said.scale, IMAGENET_SCALE)
+        self._mean = self._per_channel(described.mean, IMAGENET_MEAN)
+        self._scale = self._per_channel(described.scale, IMAGENET_SCALE)
 
     def _per_channel(
-        self, values: Sequence[float] | None, usual: Sequence[float]
+        self, values: Sequence[float] | None, default: Sequence[float]
     ) -> npt.NDArray[np.float64]:
         if values is None:
-            values = usual if self._channels == 3 else [float(np.mean(usual))]
+            values = default if self._channels == 3 else [float(np.mean(default))]
         if len(values) not in (1, self._channels):
             raise ModelError(
                 f'{self._path}: {len(values)} values of mean or scale for {self._channels} '
@@ -256,10 +256,10 @@ def open_model(config: Config) -> OnnxModel | None:
     return OnnxModel(Path(path), config.reading)
 
 
-def _numbers(said: Any) -> tuple[float, ...]:
+def _numbers(value: Any) -> tuple[float, ...]:
     """Return the numbers of a list, or of a text with commas, spaces or x between them."""
-    parts = re.split('[,x ]+', said.strip(' []()')) if isinstance(said, str) else said
+    parts = re.split('[,x ]+', value.strip(' []()')) if isinstance(value, str) else value
     numbers = tuple(map(float, parts if isinstance(parts, list) else [parts]))
     if not np.isfinite(numbers).all() or not numbers:
-        raise ValueError(f'{said!r} is no list of numbers')
+        raise ValueError(f'{value!r} is not a list of numbers')
     return numbers

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a parameter is: a field of a dataclass with bounds, a unit and one sentence."""
+"""A parameter: a field of a dataclass with bounds, a unit and one sentence that explains it."""
 
 import argparse
 from collections.abc import Iterable, Iterator
@@ -13,28 +13,28 @@ from convseq_ros.errors import ConfigError
 
 Value = bool | int | float | str
 
-# Parameters, and choices of one, that went for the belief and the graph: what to set instead.
+# Parameters and choices that were removed, and what to set instead.
 RETIRED = {
     'min_evidence': 'set min_confidence instead, a probability; leave it out for the default',
     'verification': 'the belief always verifies; leave it out, or set acceptance_rule: margin',
-    'velocity_search': 'other velocities are always found; leave it out',
+    'velocity_search': 'all velocities are always searched; leave it out',
     'localize_keyframes': 'min_confidence decides when the robot is localised; leave it out',
     'lost_keyframes': 'min_confidence decides when the robot is lost; leave it out',
 }
 RETIRED_CHOICES = {
     ('acceptance_rule', 'track'): 'set belief instead, or leave it out',
-    ('mode', 'lifelong'): 'set online instead, and max_looks, how many looks of a place it keeps',
+    ('mode', 'lifelong'): 'set online instead, and max_looks to limit the keyframes of a place',
 }
 
 
 def parameter(default: Value, doc: str, **about: Any) -> Any:
-    """Declare one parameter by what `Parameter` says of it."""
+    """Declare a parameter; `about` sets further fields of `Parameter`."""
     return field(default=default, metadata={'doc': doc, **about})
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """What is known about one parameter, for whoever declares or documents it."""
+    """One parameter, as the node and the commands declare it and the documents list it."""
 
     name: str
     type: type
@@ -99,11 +99,11 @@ def parameters(group: type | Any) -> Iterator[Parameter]:
 
 
 def add_parameters(
-    parser: argparse.ArgumentParser, title: str, known: Iterable[Parameter]
+    parser: argparse.ArgumentParser, title: str, declared: Iterable[Parameter]
 ) -> None:
     """Add an option for each parameter, such as `--max-length`; unset ones stay absent."""
     group = parser.add_argument_group(title)
-    for item in known:
+    for item in declared:
         unit = f' [{item.unit}]' if item.unit else ''
         default = f'default {item.default}' if item.default != '' else 'empty by default'
         about = f'{item.bounds}{unit}; {default}' if item.bounds else default
@@ -116,11 +116,11 @@ def add_parameters(
         )
 
 
-def given(chosen: argparse.Namespace, known: Iterable[Parameter]) -> dict[str, Value]:
+def given(chosen: argparse.Namespace, declared: Iterable[Parameter]) -> dict[str, Value]:
     """Return the parameters that were given as options, parsed and checked."""
     return {
         item.name: item.parse(getattr(chosen, item.name))
-        for item in known
+        for item in declared
         if hasattr(chosen, item.name)
     }
 
@@ -136,19 +136,19 @@ class Checked:
 
 
 def refuse_unknown(
-    names: Iterable[str], known: Iterable[str], what: str = 'unknown parameter'
+    names: Iterable[str], allowed: Iterable[str], what: str = 'unknown parameter'
 ) -> None:
-    """Raise a ConfigError that names the first unknown parameter and the nearest known one."""
-    known = list(known)
+    """Raise a ConfigError that names the first unknown parameter and the most similar one."""
+    allowed = list(allowed)
     for name in names:
-        if name not in known:
+        if name not in allowed:
             refuse_retired(name)
-            near = difflib.get_close_matches(str(name), known, n=1)  # in YAML, 5 is a name
-            advice = f'did you mean {near[0]}?' if near else f'known: {", ".join(known)}'
+            near = difflib.get_close_matches(str(name), allowed, n=1)  # YAML allows 5 as a name
+            advice = f'did you mean {near[0]}?' if near else f'known: {", ".join(allowed)}'
             raise ConfigError(f'{what} {name!r}; {advice}')
 
 
 def refuse_retired(name: str) -> None:
-    """Refuse a name that a parameter had before: ConfigError that says what to set instead."""
+    """Raise a ConfigError if a parameter was removed; it names what to set instead."""
     if name in RETIRED:
         raise ConfigError(f'parameter {name!r} is gone: {RETIRED[name]}')

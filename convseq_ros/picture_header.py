@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What an encoded picture says of its size, read before anything is decoded."""
+"""The size that an encoded picture declares, read before anything is decoded."""
 
 from collections.abc import Callable
 import re
@@ -9,28 +9,28 @@ from typing import NamedTuple
 
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # ITU T.81, table B.1: SOFn
 _JPEG_ALONE = frozenset({0x01, *range(0xD0, 0xD9)})  # ibid.: markers without a length
-USUAL_SCANS = 16  # that cost as one; libjpeg's own scripts have 10 at most (jcparam.c, 9e)
+USUAL_SCANS = 16  # that together count as one; libjpeg writes at most 10 (jcparam.c, 9e)
 _JPEG_SCAN = b'\xff\xda'
 _CHUNK_HEAD_BYTES = 8  # of a PNG: length, kind
-_CHUNK_BYTES = _CHUNK_HEAD_BYTES + 4  # besides its content: its checksum, too
-_MOST_CHUNKS = 100_000  # an encoder's are 8 kB and more, save some of text
+_CHUNK_BYTES = _CHUNK_HEAD_BYTES + 4  # without its content: also the checksum
+_MOST_CHUNKS = 100_000  # encoders write chunks of 8 kB or more, except for some of text
 # TIFF 6.0, section 8; types of a tag's value that are numbers: SHORT and LONG.
 _TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_BITS, _TIFF_SAMPLES = 256, 257, 258, 277
 _TIFF_TILE_WIDTH, _TIFF_TILE_HEIGHT = 322, 323
 _TIFF_TYPES = {3: 'H', 4: 'I'}
 _COLOUR_BITS = 24
-_NETPBM_SIZE = re.compile(rb'\s+(\d{1,10})\s+(\d{1,10})\s')  # what fits in 32 bits
+_NETPBM_SIZE = re.compile(rb'\s+(\d{1,10})\s+(\d{1,10})\s')  # numbers of 32 bits
 
 
 class Declared(NamedTuple):
-    """What a picture declares."""
+    """Size of a picture, as its header declares it."""
 
-    pixels: int  # that a decoder takes memory for, at 3 bytes each
-    passes: int = 1  # times that it goes through all of them: scans of a JPEG
+    pixels: int  # that a decoder allocates, at 3 bytes each
+    passes: int = 1  # of the decoder over all pixels: the scans of a JPEG
 
 
 def declared(data: bytes) -> Declared | None:
-    """Return what a picture declares; None if its kind is unknown or its header is damaged."""
+    """Return the declared size; None if the picture's kind is unknown or its header is damaged."""
     for magic, read in _READERS:
         if re.match(magic, data, re.DOTALL):
             try:
@@ -43,7 +43,7 @@ def declared(data: bytes) -> Declared | None:
 def _jpeg(data: bytes) -> Declared:
     at = 2
     while True:
-        # As in libjpeg, what is no marker is passed over.
+        # Like libjpeg, skip bytes that are not a marker.
         at = data.index(b'\xff', at)
         while data[at] == 0xFF:
             at += 1
@@ -64,7 +64,7 @@ def _png(data: bytes) -> Declared:
         length, kind = struct.unpack_from('>I4s', data, at)
         at += _CHUNK_BYTES + length
         if at > len(data):
-            # OpenCV takes the memory before it looks whether so much is there, also of an end.
+            # OpenCV allocates this length before it checks the file, even for an IEND chunk.
             raise ValueError('a chunk is longer than the file')
         if kind == b'IEND':
             break
@@ -81,10 +81,10 @@ def _bmp(data: bytes) -> Declared:
 
 
 def _netpbm(data: bytes) -> Declared:
-    found = _NETPBM_SIZE.match(re.sub(rb'#[^\n]*', b'', data[2:1024]))
-    if not found:
-        raise ValueError('its size is no two numbers')
-    return Declared(int(found[1]) * int(found[2]))
+    size = _NETPBM_SIZE.match(re.sub(rb'#[^\n]*', b'', data[2:1024]))
+    if not size:
+        raise ValueError('its size is not two numbers')
+    return Declared(int(size[1]) * int(size[2]))
 
 
 def _webp(data: bytes) -> Declared:

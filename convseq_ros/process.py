@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What SIGINT and SIGTERM do to a process of ours, and what it tells Fast DDS.
+How this package's processes handle SIGINT and SIGTERM, and how they configure Fast DDS.
 
-Importing NumPy, OpenCV and rclpy takes a second, in which nothing is at stake yet: a signal then
-ends the process at once. Later it is handed over to whoever has something to finish.
+While NumPy, OpenCV and rclpy are imported, which takes a second, a signal ends the process at
+once. Afterwards `hand_over` sets a function that finishes the work first.
 """
 
 from collections.abc import Callable
@@ -24,23 +24,23 @@ LARGE_IMAGES = 'fastdds_large_images.xml'
 QUICK_START = 'fastdds_quick_start.xml'
 _CHOSEN_BY = VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE'
 
-# Threads of BLAS and of OpenCV wait for each other in a loop: a pair of images takes ten times as
-# long on a busy machine, and small images cost more than they gain on a quiet one.
-_ALONE = 'OPENBLAS_NUM_THREADS', 'OPENCV_FOR_THREADS_NUM'
+# Threads of BLAS and of OpenCV busy-wait for each other: on a busy machine a pair of images takes
+# ten times as long, and on a quiet one small images are not faster with several threads.
+_THREAD_COUNTS = 'OPENBLAS_NUM_THREADS', 'OPENCV_FOR_THREADS_NUM'
 
 _later: Callable[[], None] | None = None
 
 
 def work_alone() -> None:
-    """Have BLAS and OpenCV use one thread, unless told otherwise, if they are imported later."""
-    for name in _ALONE:
+    """Limit BLAS and OpenCV, imported later, to one thread unless the environment sets more."""
+    for name in _THREAD_COUNTS:
         os.environ.setdefault(name, '1')
 
 
 def run(module: str, code: int, text: str = '') -> int:
     """Import a module, which may take long, and return what its `main` returns."""
-    stand(code, text)
-    # Whoever became this process by `execve` had them wait.
+    end_on_signal(code, text)
+    # `become_node` blocks them before it replaces its process by this one.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
     try:
         return int(import_module(module).main())
@@ -49,15 +49,15 @@ def run(module: str, code: int, text: str = '') -> int:
 
 
 def run_node(module: str) -> NoReturn:
-    """Do as `run`, and end at once: on a busy machine Python would tidy up for seconds."""
+    """Call `run`, then exit at once: on a busy machine Python's cleanup takes seconds."""
     code = run(module, 0)
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)
 
 
-def stand(code: int, text: str = '') -> None:
-    """Have a signal end this process at once, with this code and text, until it is handed over."""
+def end_on_signal(code: int, text: str = '') -> None:
+    """Make a signal end this process at once, with this code and text, until `hand_over`."""
 
     def on_signal(*_: Any) -> None:
         if _later:
@@ -73,7 +73,7 @@ def stand(code: int, text: str = '') -> None:
 
 
 def hand_over(later: Callable[[], None]) -> None:
-    """Have a signal call this from now on, in the main thread, where `stand` was called before."""
+    """Make a signal call `later` in the main thread, which has called `end_on_signal` before."""
     global _later
     _later = later
 
@@ -81,17 +81,17 @@ def hand_over(later: Callable[[], None]) -> None:
 def interrupt() -> None:
     """Raise KeyboardInterrupt; when called again, end the process at once."""
     hand_over(lambda: os._exit(1))
-    # What is raised where nobody can catch it, as in a finaliser, would be printed and forgotten.
-    sys.unraisablehook = lambda what: (
+    # Python only prints an exception that cannot be caught, such as one in a finaliser.
+    sys.unraisablehook = lambda raised: (
         os._exit(1)
-        if isinstance(what.exc_value, KeyboardInterrupt)
-        else sys.__unraisablehook__(what)
+        if isinstance(raised.exc_value, KeyboardInterrupt)
+        else sys.__unraisablehook__(raised)
     )
     raise KeyboardInterrupt
 
 
 def ignore() -> None:
-    """Let no signal disturb the end: Python gives them back their deadly default before it."""
+    """Ignore signals from now on: Python restores their deadly default before it ends."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
@@ -100,8 +100,8 @@ def fast_dds(profile: str) -> dict[str, str]:
     """
     Return the environment variable with which a process uses one of our profiles.
 
-    Empty if the user has chosen settings, or ours are not installed. `LARGE_IMAGES` loses no large
-    images, nor what is sent beside them, and finds others at once, as `QUICK_START` does.
+    Empty if the user has chosen a profile, or ours are not installed. With `LARGE_IMAGES` neither
+    large images nor messages beside them are lost. Both profiles discover others at once.
     """
     beside = Path(__file__).resolve().parents[1]
     prefix = beside.parent.parent.parent
@@ -111,8 +111,8 @@ def fast_dds(profile: str) -> dict[str, str]:
     return {}
 
 
-def settle_logs() -> None:
-    """Have ROS write its logs to a folder of its own where the home is read-only; it says so."""
+def check_logs() -> None:
+    """Make ROS log to a temporary folder, with a warning, if it cannot write to its own."""
     if 'ROS_LOG_DIR' in os.environ:
         return
     folder = Path(os.environ.get('ROS_HOME') or os.path.expanduser('~/.ros'), 'log')
@@ -121,5 +121,5 @@ def settle_logs() -> None:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='ros_log_')
-        told = f'{folder}: {error.strerror}; ROS logs to {os.environ["ROS_LOG_DIR"]}'
-        print(f'warning: {told}', file=sys.stderr)
+        line = f'{folder}: {error.strerror}; ROS logs to {os.environ["ROS_LOG_DIR"]}'
+        print(f'warning: {line}', file=sys.stderr)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of what is read; written once, as in `config`."""
+"""The parameters that limit the size of input; written once, as in `config`."""
 
 import argparse
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.parameter import add_parameters, Checked, given, parameter, parameters
 from convseq_ros.picture_header import Declared, USUAL_SCANS
 
-# What a byte of a file counts, where a byte of an array counts 1: Python keeps many for it, or,
-# of YAML, takes long: .1 MB a second, rosbags' reader .06 MB.
+# Cost of a byte of a file, relative to a byte of an array: text takes several bytes in Python,
+# and YAML takes long: 0.1 MB a second, with rosbags' reader 0.06 MB.
 AS_ARRAY, AS_TEXT, AS_YAML = 1, 8, 1024
 _MEGA = 1_000_000
-_RATIO = 1000  # images shrink to a third, drawn ones to a fiftieth; zeros to a 30,000th
+_RATIO = 1000  # inflated to packed; images have 3, drawn ones 50, zeros 30,000
 
 
 # fmt: off
 @dataclass(frozen=True, slots=True)
 class ReadingConfig(Checked):
-    """What is too large to be decoded, whoever sent it."""
+    """Limits above which input is not decoded, whatever its source."""
 
     max_image_mpx: float = parameter(
         64.0, 'Images that declare more pixels than this are refused before they are decoded.',
@@ -33,37 +33,37 @@ class ReadingConfig(Checked):
         'them takes more memory.',
         unit='MB', low=0.001, high=1_000_000.0,
     )
-    keeps_color: bool = False  # in frames, beside grey; for a model that wants it
+    keeps_color: bool = False  # in frames, beside grey; for a model that uses it
 
     def above(self, name: str, size: float, what: str) -> str:
-        """Return a line that tells what to set if a size is above the parameter of a name."""
-        most = getattr(self, name)
-        if size <= most:
+        """Return a line with the remedy if a size is above parameter `name`; otherwise empty."""
+        limit = getattr(self, name)
+        if size <= limit:
             return ''
-        item = next(one for one in parameters(self) if one.name == name)
+        item = next(item for item in parameters(self) if item.name == name)
         needed = f'{math.ceil(size * 100) / 100:.2f}'.rstrip('0').rstrip('.')
         allowed = item.high is None or float(needed) <= item.high
         remedy = f'set {name} to {needed}' if allowed else f'{name} goes to {item.high:g}'
-        return f'{what} is more than {name}, {most:g}; make it smaller, or {remedy}'
+        return f'{what} is more than {name}, {limit:g}; make it smaller, or {remedy}'
 
     def refuse_above(self, name: str, size: float, what: str) -> None:
-        """Raise a SourceError with such a line, if there is one."""
+        """Raise a SourceError, with the remedy, if a size is above parameter `name`."""
         if line := self.above(name, size, what):
             raise SourceError(line)
 
     def refuse_image(self, pixels: int, what: str) -> None:
-        """Raise an ImageError if an image of so many pixels is too large to be decoded."""
+        """Raise an ImageError if an image has too many pixels to be decoded."""
         if line := self.above('max_image_mpx', pixels / _MEGA, what):
             raise ImageError(line)
 
-    def refuse_picture(self, asked: Declared, what: str) -> None:
+    def refuse_picture(self, size: Declared, what: str) -> None:
         """Raise an ImageError if a picture is too large to be decoded, or has too many scans."""
-        mpx, scanned = asked.pixels / _MEGA, asked.pixels * asked.passes // USUAL_SCANS
-        self.refuse_image(asked.pixels, f'{what}: a picture of {mpx:.3g} Mpx')
-        self.refuse_image(scanned, f'{what}: {asked.passes} scans of {mpx:.3g} Mpx')
+        mpx, scanned = size.pixels / _MEGA, size.pixels * size.passes // USUAL_SCANS
+        self.refuse_image(size.pixels, f'{what}: a picture of {mpx:.3g} Mpx')
+        self.refuse_image(scanned, f'{what}: {size.passes} scans of {mpx:.3g} Mpx')
 
     def refuse_file(self, path: Path, size_bytes: int, cost: int = AS_ARRAY) -> None:
-        """Raise a SourceError if a file, or what it declares, is too large to be read at once."""
+        """Raise a SourceError if a file, or the content it declares, is too large to be read."""
         counts = f', which count {cost}-fold,' if cost > 1 else ''
         size_mb = size_bytes / _MEGA
         self.refuse_above('max_file_mb', size_mb * cost, f'{path}: {size_mb:.3g} MB{counts}')
@@ -71,13 +71,13 @@ class ReadingConfig(Checked):
 
     @property
     def most_bytes(self) -> int:
-        """What one chunk, or one message, of a recording may hold."""
-        # rosbag2 fills chunks to 768 KiB, Foxglove's tools to 4 MiB; then comes one message more,
-        # which is at most an image of 64 Mpx in four bytes a pixel.
+        """Maximum size in bytes of one chunk, or one message, of a recording."""
+        # rosbag2 fills chunks up to 768 KiB, Foxglove's tools up to 4 MiB. The last message of a
+        # chunk may exceed that: at most an image of 64 Mpx with four bytes a pixel.
         return round(self.max_file_mb * _MEGA)
 
     def refuse_bomb(self, where: object, inflated: int, size: int) -> None:
-        """Raise a SourceError if so many bytes are out of all proportion to a file's size."""
+        """Raise a SourceError if inflated bytes are out of proportion to a file's size."""
         if inflated > _RATIO * size:
             what = f'its {size} bytes inflate to {inflated / 1e9:.3g} GB, which no recording does'
             self.refuse_above('max_file_mb', inflated / 4 / _MEGA, f'{where}: {what}; a fourth')
@@ -87,7 +87,7 @@ class ReadingConfig(Checked):
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Add an option for every limit of what is read."""
+    """Add an option for every limit of input."""
     add_parameters(parser, 'what is too large', parameters(ReadingConfig))
 
 

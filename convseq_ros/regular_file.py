@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Files that may be opened, and read as a whole; files that are on the disk for sure."""
+"""Reads regular files only, and writes files that survive a power failure."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ import tempfile
 
 from convseq_ros.errors import SourceError
 
-PART = '.part'  # the end of a folder beside a file, in which what replaces it is made
+PART = '.part'  # ends the name of the folder in which a file is written before it is renamed
 _KINDS = {
     stat.S_IFIFO: 'a pipe',
     stat.S_IFCHR: 'a device',
@@ -34,7 +34,7 @@ def refuse_irregular(path: Path) -> None:
 
 
 def read_bytes(path: Path, what: str, refuse: Callable[[Path, int], None]) -> bytes:
-    """Return a file that holds `what`; SourceError if there is none, or `refuse` raises one."""
+    """Return the content of a file; SourceError if it is missing, unreadable or refused."""
     refuse_irregular(path)
     try:
         if not path.is_file():
@@ -48,7 +48,7 @@ def read_bytes(path: Path, what: str, refuse: Callable[[Path, int], None]) -> by
 
 
 def sync(path: Path) -> None:
-    """Wait until the content of a file, or the names in a folder, outlive a cut of the power."""
+    """Wait until the content of a file, or the names in a folder, survive a power failure."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -57,7 +57,7 @@ def sync(path: Path) -> None:
 
 
 def replace_safely(part: Path, path: Path) -> None:
-    """Give a file another's name: it has the one content or the other, whatever happens."""
+    """Rename `part` to `path`, which has its old or its new content whatever happens."""
     sync(part)
     os.replace(part, path)
     sync(path.parent)
@@ -65,7 +65,7 @@ def replace_safely(part: Path, path: Path) -> None:
 
 @contextmanager
 def complete_or_absent(path: Path) -> Iterator[Path]:
-    """Give a name that nobody has, under which a file is written; it takes its own at the end."""
-    with tempfile.TemporaryDirectory(PART, f'{path.name}.', path.parent) as own:
-        yield (part := Path(own, path.name))
+    """Yield an unused path to write a file to; rename it to `path` at the end."""
+    with tempfile.TemporaryDirectory(PART, f'{path.name}.', path.parent) as folder:
+        yield (part := Path(folder, path.name))
         replace_safely(part, path)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The result table, a row for every frame, and files that are complete or absent."""
+"""The result table, with a row for every frame."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,12 +17,12 @@ from convseq_ros.core.types import Match, Reason, RelativePose, Status
 from convseq_ros.errors import SourceError
 from convseq_ros.regular_file import refuse_irregular, replace_safely
 
-_SYNC_EVERY_S = 1.0  # what a cut of the power may cost
+_SYNC_EVERY_S = 1.0  # rows of this time may be lost in a power failure
 
 
 def row(match: Match, duration_ms: float) -> dict[str, object]:
-    """Return the row of a match; None, an empty field, where there is nothing to say."""
-    accepted, best, known = match.accepted, match.best, match.localization
+    """Return the row of a match; None, an empty field, for a value that is missing."""
+    accepted, best, localization = match.accepted, match.best, match.localization
     shift = best.shift if best and best.shift else (None, None)
     rows_px, cols_px = match.shift_px or (None, None)
     return {
@@ -45,8 +45,8 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
         'shift_cols_px': _decimals(cols_px, 1),
         'relative_yaw_rad': _decimals(match.relative_yaw_rad, 5),
         'inliers': best.inliers if best else None,
-        'localization': known.state.value if known else None,
-        'localization_quality': _decimals(known.quality, 4) if known else None,
+        'localization': localization.state.value if localization else None,
+        'localization_quality': _decimals(localization.quality, 4) if localization else None,
         **_relative(match.relative_pose),
         'implausible_m': _decimals(match.implausible_m, 2),
         'session': best.session if best else None,
@@ -59,7 +59,7 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
 def _relative(pose: RelativePose | None) -> dict[str, str | None]:
     position: tuple[float | None, ...] = (pose and pose.position_m) or (None,) * 3
     turn: tuple[float | None, ...] = pose.orientation if pose else (None,) * 4
-    values = [_decimals(one, 4) for one in position] + [_decimals(one, 6) for one in turn]
+    values = [_decimals(x, 4) for x in position] + [_decimals(x, 6) for x in turn]
     names = [f'{axis}_m' for axis in 'xyz'] + [f'q{axis}' for axis in 'xyzw']
     return {
         **{f'relative_{name}': value for name, value in zip(names, values, strict=True)},
@@ -80,17 +80,17 @@ class ResultWriter:
     """
     Writes a result table row by row; use it as a context manager.
 
-    Rows stream to `<path>.part`, which takes its name when the work is done; a cut of the power
-    may take those of the last second. The next writer renames what was left to `<path>.1.part`, or
-    a higher number: `kept`. OSError if it cannot be written, or another program writes it.
+    Rows are written to `<path>.part`, which `close` renames to `<path>`; a power failure may lose
+    the rows of the last second. If an earlier run left rows behind, its file is renamed to
+    `<path>.1.part`, or a higher number: `kept`. OSError if it cannot be written or is in use.
     """
 
     def __init__(self, path: Path) -> None:
         self._path, self.kept = path, None
         self._part = path.with_name(path.name + '.part')
         self._file = self._opened('a')
-        with self._part.open(encoding='utf-8', errors='replace') as left:
-            has_rows = not _HEADER.startswith(left.read(len(_HEADER) + 1))
+        with self._part.open(encoding='utf-8', errors='replace') as file:
+            has_rows = not _HEADER.startswith(file.read(len(_HEADER) + 1))
         if has_rows:
             self.kept = _free_name(path)
             os.rename(self._part, self.kept)
@@ -99,13 +99,13 @@ class ResultWriter:
         self._file.truncate(0)
         self._table = csv.DictWriter(self._file, COLUMNS, lineterminator='\n')
         self._file.write(_HEADER)
-        self._news, self._end = Event(), Event()
-        # Its own handle, without the lock: this file may be closed while the disk is waited for.
+        self._written, self._end = Event(), Event()
+        # A second handle, without the lock: the file may be closed during a sync.
         handle = os.open(self._part, os.O_RDONLY)
-        Thread(target=_sync, args=(handle, self._news, self._end), daemon=True).start()
+        Thread(target=_sync, args=(handle, self._written, self._end), daemon=True).start()
 
     def _opened(self, mode: str) -> IO[str]:
-        """Return the part file, locked for as long as it is open, which no crash outlives."""
+        """Return the part file, locked while it is open; a crash ends the lock, too."""
         file = self._part.open(mode, newline='', encoding='utf-8', buffering=1)
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -118,7 +118,7 @@ class ResultWriter:
         """Append a row; OSError, naming the part file, if the disk is full."""
         with self._named():
             self._table.writerow(row(match, duration_ms))
-        self._news.set()
+        self._written.set()
 
     def close(self) -> None:
         """Give the table its name; OSError, naming the part file, if the disk is full."""
@@ -140,7 +140,7 @@ class ResultWriter:
 
     def abandon(self) -> None:
         self._end.set()
-        self._news.set()
+        self._written.set()
         with suppress(OSError):
             self._file.close()
 
@@ -154,10 +154,10 @@ class ResultWriter:
             self.abandon()
 
 
-def _sync(handle: int, news: Event, end: Event) -> None:
-    """Have what is written outlive a cut of the power, whether or not anything comes after it."""
-    while news.wait() and not end.is_set():
-        news.clear()
+def _sync(handle: int, written: Event, end: Event) -> None:
+    """Sync new rows to the disk, at most once a second, also if no row follows."""
+    while written.wait() and not end.is_set():
+        written.clear()
         with suppress(OSError):
             os.fsync(handle)
         end.wait(_SYNC_EVERY_S)
@@ -170,7 +170,7 @@ def _free_name(path: Path) -> Path:
 
 
 def read_results(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a table, empty fields as empty texts; SourceError if it is none."""
+    """Return the rows of a table, empty fields as empty texts; SourceError if it is no table."""
     refuse_irregular(path)
     try:
         with path.open(newline='', encoding='utf-8') as file:

@@ -17,10 +17,10 @@ work_alone()
 COMMANDS = {
     'build-map': 'build a reference map from a recording or a folder of images',
     'replay': 'recognise the frames of a recording in a map, without ROS',
-    'locate': 'say where in a map images were taken',
+    'locate': 'print where in a map images were taken',
     'play': 'publish a recording to live topics, with /clock',
     'watch': 'see in a terminal what a running node recognises',
-    'info': 'say what a map or a recording holds, or what is installed',
+    'info': 'print what a map or a recording holds, or what is installed',
     'map': 'link, merge or split maps; remove or rename their sessions',
     'fleet': 'build many maps in parallel, and recognise in all of them',
     'evaluate': 'measure methods on data sets with known truth',
@@ -29,7 +29,7 @@ COMMANDS = {
     'config': 'print every parameter with its default, ready to edit',
 }
 
-# Those that are ROS nodes, and read their arguments themselves.
+# Commands that are ROS nodes, and parse their arguments themselves.
 NODES = {'play': 'convseq_ros.node.player', 'watch': 'convseq_ros.node.watch'}
 
 # Commands of earlier versions that are verbs of `map` now.
@@ -37,7 +37,7 @@ MOVED = ('link', 'merge', 'split', 'remove', 'rename')
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run a sub-command; 0 when done, 1 with one line when it could not be, 2 for wrong usage."""
+    """Run a sub-command; return 0 for success, 1 after an error in one line, 2 for wrong usage."""
     parser = argparse.ArgumentParser(
         prog='convseq',
         description='Training-free visual place recognition on a CPU.',
@@ -57,16 +57,16 @@ def main(args: Sequence[str] | None = None) -> int:
     name = 'processes' if chosen.command in NODES else chosen.command.replace('-', '_')
     command = importlib.import_module(f'convseq_ros.cli.{name}')
     hand_over(interrupt)
-    own = argparse.ArgumentParser(
+    subparser = argparse.ArgumentParser(
         prog=f'convseq {chosen.command}', description=COMMANDS[chosen.command].capitalize() + '.'
     )
     try:
-        for option in (one for one in chosen.arguments if one.startswith('--')):
+        for option in (word for word in chosen.arguments if word.startswith('--')):
             refuse_retired(option.partition('=')[0].removeprefix('--').replace('-', '_'))
         if chosen.command in NODES:
             command.become_node(NODES[chosen.command], chosen.arguments)
-        command.describe(own)
-        return int(command.run(own.parse_args(chosen.arguments)))
+        command.describe(subparser)
+        return int(command.run(subparser.parse_args(chosen.arguments)))
     except ConvseqError as error:
         print(f'convseq {chosen.command}: {error}', file=sys.stderr)
     except OSError as error:

@@ -8,7 +8,7 @@ from convseq_ros.process import run
 
 
 def main() -> int:
-    """Run a sub-command, and say in one line if a signal ended it."""
+    """Run a sub-command; if a signal ends it, print one line."""
     return run('convseq_ros.cli', 1, 'convseq: interrupted\n')
 
 

@@ -37,7 +37,7 @@ from convseq_ros.sources import open_each_camera
 
 @dataclass(frozen=True, slots=True)
 class Built:
-    """What a build did."""
+    """The result of a build."""
 
     map: str
     frames: int
@@ -55,7 +55,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('map', type=Path, help='map file to make; each camera makes a session')
     add_images(parser)
     parser.add_argument('--append', action='store_true', help='add a session to an existing map')
-    parser.add_argument('--session', help='what to call it; by default as the recording')
+    parser.add_argument('--session', help='name of the session (default: that of the recording)')
     help_ = 'frame of its poses, if other sessions share it'
     parser.add_argument('--pose-frame', metavar='NAME', help=help_)
     add_no_links(parser)
@@ -65,15 +65,15 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 
 def add_no_links(parser: argparse.ArgumentParser) -> None:
-    """Declare what leaves recognition out."""
+    """Declare the option that leaves out recognition."""
     help_ = 'do not recognise places that are passed again: quicker, and vpr_node does it later'
     parser.add_argument('--no-links', action='store_true', help=help_)
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
-    """Declare what decides which images become places, and how."""
-    for title, known in _settings().items():
-        add_parameters(parser, title, known)
+    """Declare the options that decide which images become places."""
+    for title, declared in _settings().items():
+        add_parameters(parser, title, declared)
 
 
 def chosen_settings(chosen: argparse.Namespace) -> Config:
@@ -83,9 +83,9 @@ def chosen_settings(chosen: argparse.Namespace) -> Config:
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Build, and say what was built."""
+    """Build a map, and print the result."""
     if chosen.max_looks and chosen.no_links:
-        raise ConfigError('max_looks: looks are known by links; leave out --no-links')
+        raise ConfigError('max_looks: needs links; leave out --no-links')
     built = build(
         chosen.recording,
         chosen.map,
@@ -122,19 +122,19 @@ def build(
     pose_frame: str | None = None,
     links: bool = True,
     max_looks: int = 0,
-    tell: Callable[[str], None] | None = None,
+    on_warning: Callable[[str], None] | None = None,
     **images: Any,
 ) -> Built:
     """
-    Build a map file, or add to one, of `images` as `open_each_camera` takes them.
+    Build a map file, or add to one; `images` are arguments of `open_each_camera`.
 
-    Several topics make a session each. Warnings and progress go to standard error, or warnings to
-    `tell`. SourceError or MapError if a file cannot be used; a new map is then not made.
+    Each of several topics makes a session. Warnings and progress go to standard error, or only
+    warnings to `on_warning`. SourceError or MapError if a file is unusable; then no map is made.
     """
     model = open_model(config)
     reading = with_first_stage(config, model).reading
     sources = open_each_camera(recording, reading=reading, **images)
-    started, say = time.monotonic(), tell or warn
+    started, report = time.monotonic(), on_warning or warn
     name = recording.stem if session is None else session
     frames = added = unreadable = with_pose = 0
     interrupted = False
@@ -153,20 +153,20 @@ def build(
         )
         try:
             with builder:
-                for frame in source if tell else progress(source, len(source), path.name):
+                for frame in source if on_warning else progress(source, len(source), path.name):
                     frames += 1
                     if frame.gray is None:
                         unreadable += 1
-                        say(frame.problem)
+                        report(frame.problem)
                     with_pose += builder.process(frame) and frame.pose is not None
         except KeyboardInterrupt:
             interrupted = True
         for warning in source.warnings:
-            say(warning)
+            report(warning)
         added += builder.added
         if not builder.added:
-            of = f' of {source.topic}' if number else ''
-            shown = f'{frames - before} images{of}'
+            images_of = f'images of {source.topic}' if number else 'images'
+            shown = f'{frames - before} {images_of}'
             raise SourceError(f'{recording}: none of its {shown} could be used')
         if interrupted:
             break
@@ -186,26 +186,26 @@ def build(
 def _why_no_pose(chosen: argparse.Namespace) -> str:
     if chosen.odom or chosen.poses:
         return (
-            f'{chosen.odom or chosen.poses} tells none at the time of an image; check that it '
+            f'{chosen.odom or chosen.poses} has no pose at the time of an image; check that it '
             'covers the drive, and that both clocks agree'
         )
-    found = (
+    topics = (
         describe_recording(chosen.recording, chosen_reading(chosen))
         .get('use', {})
         .get('--odom', [])
     )
-    remedy = ' or '.join(f'--odom {quoted(topic)}' for topic in found)
+    remedy = ' or '.join(f'--odom {quoted(topic)}' for topic in topics)
     remedy = remedy or '--odom TOPIC or --poses FILE'
     return f'none were asked for; add {remedy}'
 
 
 def of_links() -> list[Parameter]:
-    """Return what says which places of a drive are its past."""
+    """Return the parameters that decide which places of a drive are too recent to link."""
     return [item for item in parameters(OnlineConfig) if item.name.startswith('exclusion')]
 
 
 def _settings() -> dict[str, list[Parameter]]:
-    """Return what decides which images become places, and what a map keeps, by its title."""
+    """Return the parameters of places and of the content of maps, by title."""
     kept = 'image_size_px', 'image_mask', 'image_rotation_deg', 'descriptor_model', 'matching'
     encoding = [*parameters(EncodingConfig), *parameters(MatchingConfig)]
     return {

@@ -37,15 +37,15 @@ def run(chosen: argparse.Namespace) -> int:
 
 
 def all_parameters() -> list[Parameter]:
-    """Return what the node declares: matching first, then its own."""
+    """Return the parameters of the node: those of matching first."""
     return [*core_parameters(), *parameters(NodeConfig)]
 
 
-def yaml(known: Iterable[Parameter]) -> str:
-    """Return a ROS parameter file with every default and what it means."""
+def yaml(declared: Iterable[Parameter]) -> str:
+    """Return a ROS parameter file with every default and its meaning."""
     lines = ['# Every parameter of vpr_node with its default; printed by `convseq config`.']
     lines += ['/**:', '  ros__parameters:']
-    for item in known:
+    for item in declared:
         unit = f'{item.bounds} {item.unit}'.strip()
         lines += textwrap.wrap(
             f'{item.doc} [{unit}]' if unit else item.doc,
@@ -57,9 +57,9 @@ def yaml(known: Iterable[Parameter]) -> str:
     return '\n'.join(lines)
 
 
-def markdown(known: Iterable[Parameter]) -> str:
+def markdown(declared: Iterable[Parameter]) -> str:
     lines = []
-    for item in known:
+    for item in declared:
         allowed = item.bounds.replace('|', 'or')
         live = ' *' if item.dynamic else ''
         lines.append(

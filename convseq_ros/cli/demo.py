@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The main job from start to end, on a street that is drawn: `convseq demo`."""
+"""The main task from start to end, on a drawn street: `convseq demo`."""
 
 import argparse
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ _MARKER = '.convseq-demo'
 _COMPARED = (
     'sequence_length', 'best_index', 'best_score', 'reference_index', 'reason', 'relative_yaw_rad',
 )  # fmt: skip
-_TOLD = 'A drawn street: mapped by day, driven again in the evening, 1.3 m to the side.'
+_CAPTION = 'A drawn street: mapped by day, driven again in the evening, 1.3 m to the side.'
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +40,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Map the first drive, recognise the second one live and offline, and show both."""
+    """Map the first drive, recognise the second one live and offline, and compare both."""
     folder = chosen.output
     make_empty(folder, _MARKER)
     _say('drawing a street and driving along it twice')
@@ -60,16 +60,16 @@ def run(chosen: argparse.Namespace) -> int:
                 scores[match.query_index] = cameras.first.buffer.row
     offline = read_results(folder / 'offline.csv')
 
-    median_ms = statistics.median(float(each['duration_ms']) for each in offline)
+    median_ms = statistics.median(float(row['duration_ms']) for row in offline)
     rate = min(4.0, 60.0 / median_ms)
     _say(f'playing it to the live node, at {rate:.2g} times its speed')
-    position = {each['query_stamp_ns']: each['query_index'] for each in offline}
+    position = {row['query_stamp_ns']: row['query_index'] for row in offline}
     live = [
-        each | {'query_index': position[each['query_stamp_ns']]}
-        for each in recognise_live(folder / 'second', len(source), map_path, folder, rate)
+        row | {'query_index': position[row['query_stamp_ns']]}
+        for row in recognise_live(folder / 'second', len(source), map_path, folder, rate)
     ]
 
-    print(f'\n{_TOLD}\n')
+    print(f'\n{_CAPTION}\n')
     print(_table(live, offline, truth))
     _draw(folder, live, scores, truth)
     print(f'\nresults  {folder / "live.csv"}\npicture  {folder / "demo.png"}')
@@ -77,7 +77,7 @@ def run(chosen: argparse.Namespace) -> int:
 
 
 def make_empty(folder: Path, marker: str) -> None:
-    """Make a folder anew; ConvseqError if it is not empty and no demo, by its marker, made it."""
+    """Make an empty folder; ConvseqError if it has content, but no marker of an earlier demo."""
     mark = folder / marker
     if folder.exists() and any(folder.iterdir()) and not mark.is_file():
         raise ConvseqError(f'{folder}: exists and is not of an earlier demo; choose another')
@@ -106,8 +106,8 @@ def _draw_drives(frames: int, folder: Path) -> Numbers:
 
 def _table(live: Rows, offline: Rows, truth: Numbers) -> str:
     same = sum(
-        all(each[name] == offline[int(each['query_index'])][name] for name in _COMPARED)
-        for each in live
+        all(row[name] == offline[int(row['query_index'])][name] for name in _COMPARED)
+        for row in live
     )
     columns = [_column(rows, truth) for rows in (live, offline)]
     lines = [f'{"":34}{"live node":>16}{"offline":>16}']
@@ -117,10 +117,10 @@ def _table(live: Rows, offline: Rows, truth: Numbers) -> str:
 
 
 def _column(rows: Rows, truth: Numbers) -> dict[str, str]:
-    matched = [each for each in rows if each['best_index']]
-    accepted = [each for each in matched if each['reference_index']]
-    lengths = [int(each['sequence_length']) for each in matched]
-    durations = [float(each['duration_ms']) for each in rows]
+    matched = [row for row in rows if row['best_index']]
+    accepted = [row for row in matched if row['reference_index']]
+    lengths = [int(row['sequence_length']) for row in matched]
+    durations = [float(row['duration_ms']) for row in rows]
     return {
         'frames': str(len(rows)),
         'frames dropped': str(len(truth) - len(rows)),
@@ -136,28 +136,28 @@ def _column(rows: Rows, truth: Numbers) -> dict[str, str]:
 
 
 def _share(rows: Rows, truth: Numbers) -> str:
-    return f'{sum(_right(each, truth) for each in rows)} of {len(rows)}' if rows else '-'
+    return f'{sum(_right(row, truth) for row in rows)} of {len(rows)}' if rows else '-'
 
 
-def _right(each: dict[str, str], truth: Numbers) -> bool:
-    return abs(int(each['best_index']) - int(truth[int(each['query_index'])])) <= TOLERANCE
+def _right(row: dict[str, str], truth: Numbers) -> bool:
+    return abs(int(row['best_index']) - int(truth[int(row['query_index'])])) <= TOLERANCE
 
 
 def _draw(folder: Path, live: Rows, scores: npt.NDArray[np.float32], truth: Numbers) -> None:
-    found = np.full(len(scores), -1, np.int64)
-    accepted = [each for each in live if each['reference_index']]
-    for each in accepted:
-        found[int(each['query_index'])] = int(each['reference_index'])
+    matched = np.full(len(scores), -1, np.int64)
+    accepted = [row for row in live if row['reference_index']]
+    for row in accepted:
+        matched[int(row['query_index'])] = int(row['reference_index'])
     queries, references = (
         [np.asarray(frame.gray, np.uint8) for frame in open_source(folder / name)]
         for name in ('second', 'first')
     )
     pictures = []
-    for each in accepted[:: max(1, len(accepted) // 3)][:3]:
-        query, place = int(each['query_index']), int(each['reference_index'])
+    for row in accepted[:: max(1, len(accepted) // 3)][:3]:
+        query, place = int(row['query_index']), int(row['reference_index'])
         captions = f'query {query}', f'reference {place}'
-        pictures.append((queries[query], references[place], *captions, _right(each, truth)))
-    demo_picture(folder / 'demo.png', pictures, scores, truth, found, _TOLD)
+        pictures.append((queries[query], references[place], *captions, _right(row, truth)))
+    demo_picture(folder / 'demo.png', pictures, scores, truth, matched, _CAPTION)
 
 
 def _say(what: str) -> None:

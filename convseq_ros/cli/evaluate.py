@@ -35,11 +35,11 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--criterion', choices=CRITERIA, default='score',
         help='what curves are drawn over (score)')
     parser.add_argument('--keep', type=float, metavar='SHARE', help='for the open protocol, keep '
-        'the first so much of the map, such as .7, instead of the first, the last and the middle '
+        'this first part of the map, such as 0.7, instead of the first, the last and the middle '
         'half in turn')
     parser.add_argument('--output', type=Path, default=Path('results'),
         help='run folder to write (results)')
-    parser.add_argument('--export', type=Path, metavar='FOLDER', help='also write one JSON file a '
+    parser.add_argument('--export', type=Path, metavar='FOLDER', help='also write a JSON file per '
         'method and set, for `convseq report A.json B.json`')
     parser.add_argument('--data-root', type=Path, default=Path(), help='where the folders of '
         'ready-made sets are (the present folder)')
@@ -50,18 +50,18 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Evaluate, write the run folder, and print the table."""
-    # Truth counts frames.
+    # Ground truth refers to frame numbers, so every frame counts.
     config = chosen_config(chosen, EVERY_FRAME.spacing)
     if not chosen.sets:
         raise ConfigError(f'no data set; give a YAML file or one of {", ".join(ready_made())}')
-    asked = chosen.protocol or (CLOSED if chosen.keep is None else OPEN,)
-    if chosen.keep is not None and not (0 < chosen.keep < 1 and OPEN in asked):
+    protocols = chosen.protocol or (CLOSED if chosen.keep is None else OPEN,)
+    if chosen.keep is not None and not (0 < chosen.keep < 1 and OPEN in protocols):
         raise ConfigError(
             f'--keep: {chosen.keep:g} is not a share between 0 and 1 for --protocol open'
         )
     plan = Plan(
         methods=tuple(chosen.method or (*DEFAULT_METHODS, PUBLISHED)),
-        protocols=tuple(dict.fromkeys(asked)),
+        protocols=tuple(dict.fromkeys(protocols)),
         keep=chosen.keep,
         criterion=chosen.criterion,
         export=chosen.export,

@@ -48,34 +48,34 @@ Job = tuple[Path, Path, Config, bool, dict[str, Any]]  # the arguments of `build
 
 def describe(parser: argparse.ArgumentParser) -> None:
     verbs = parser.add_subparsers(dest='work', required=True, metavar='build|link|replay|serve')
-    own = add_verb(
+    verb = add_verb(
         verbs, 'build', _build, 'build a map of each recording in a folder, in parallel'
     )
-    own.add_argument('folder', type=Path, help='folder of recordings, one map each')
+    verb.add_argument('folder', type=Path, help='folder of recordings, one map each')
     help_ = 'folder for the maps, made if there is none; finished maps in it are kept'
-    own.add_argument('-o', '--output', type=Path, required=True, metavar='MAPS', help=help_)
-    add_images(own, poses=False)
-    add_no_links(own)
-    own.add_argument('--json', action='store_true', help='print the result as JSON')
-    _add_cluster(own)
-    add_settings(own)
-    own = add_verb(
+    verb.add_argument('-o', '--output', type=Path, required=True, metavar='MAPS', help=help_)
+    add_images(verb, poses=False)
+    add_no_links(verb)
+    verb.add_argument('--json', action='store_true', help='print the result as JSON')
+    _add_cluster(verb)
+    add_settings(verb)
+    verb = add_verb(
         verbs, 'link', _link, 'recognise each session of the maps in a folder in the others'
     )
-    own.add_argument('map', type=Path, metavar='MAPS', help='folder of maps; none is changed')
-    _add_cluster(own)
-    add_outputs(own)
-    folder = 'folder of maps, which answer as one would'
-    own = add_verb(
+    verb.add_argument('map', type=Path, metavar='MAPS', help='folder of maps; none is changed')
+    _add_cluster(verb)
+    add_outputs(verb)
+    folder = 'folder of maps, which are searched like one map'
+    verb = add_verb(
         verbs, 'replay', _replay, 'recognise the frames of a recording in all maps of a folder'
     )
-    own.add_argument('maps', type=Path, help=folder)
-    own.add_argument('recording', type=Path, help='recording or folder of images')
-    _add_cluster(own)
-    add_replay(own)
-    own = add_verb(verbs, 'serve', _serve, 'have robots ask all maps of a folder')
-    own.add_argument('maps', type=Path, help=folder)
-    _add_cluster(own)
+    verb.add_argument('maps', type=Path, help=folder)
+    verb.add_argument('recording', type=Path, help='recording or folder of images')
+    _add_cluster(verb)
+    add_replay(verb)
+    verb = add_verb(verbs, 'serve', _serve, 'offer all maps of a folder to robots')
+    verb.add_argument('maps', type=Path, help=folder)
+    _add_cluster(verb)
 
 
 def run(chosen: argparse.Namespace) -> int:
@@ -94,7 +94,7 @@ def _add_cluster(parser: argparse.ArgumentParser) -> None:
 
 
 def _chosen_cluster(chosen: argparse.Namespace) -> Cluster:
-    """Return the cluster that is asked for; FleetError if that makes no sense."""
+    """Return the cluster that the options select; FleetError if they contradict each other."""
     workers = chosen.workers
     if workers is not None and chosen.scheduler:
         raise FleetError('--workers is for this machine; a scheduler has its own')
@@ -104,7 +104,7 @@ def _chosen_cluster(chosen: argparse.Namespace) -> Cluster:
 
 
 def _build(chosen: argparse.Namespace) -> int:
-    """Build what is not there yet, and say what came of each recording."""
+    """Build the missing maps, and print the result of each recording."""
     cluster, config = _chosen_cluster(chosen), chosen_settings(chosen)
     maps = _maps(chosen.folder, chosen.output)
     kept, failed, jobs = dict[str, int](), dict[str, str](), dict[str, Job]()
@@ -138,11 +138,11 @@ def _build(chosen: argparse.Namespace) -> int:
         print(f'convseq fleet: {name}: {why.removeprefix(f"{name}: ")}', file=sys.stderr)
     seconds = time.monotonic() - started
     if chosen.json:
-        done_now = [asdict(one) | {'map': name} for name, one in built.items()]
+        done_now = [asdict(result) | {'map': name} for name, result in built.items()]
         about = {'built': done_now, 'kept': [*kept], 'failed': failed, 'seconds': seconds}
         print(json.dumps(about))
     else:
-        places = sum(one.references for one in built.values()) + sum(kept.values())
+        places = sum(new.references for new in built.values()) + sum(kept.values())
         print(
             f'{chosen.output}: {len(built) + len(kept)} maps, {places} places; {len(built)} built '
             f'in {seconds:.1f} s, {len(kept)} kept, {len(failed)} failed'
@@ -157,40 +157,40 @@ def build_one(
     links: bool = True,
     images: Mapping[str, Any] | None = None,
 ) -> tuple[Built, list[str]]:
-    """Build a map, which is there whole or not at all; return what was built, and warnings."""
-    warnings: list[str] = []
+    """Build a map, which is complete or absent; return the result, and warnings."""
+    warnings, images = list[str](), images or {}
     with replaced(path) as part:
-        built = build(recording, part, config, links=links, tell=warnings.append, **(images or {}))
-    return built, [f'{recording.name}: {one}' for one in warnings]
+        built = build(recording, part, config, links=links, on_warning=warnings.append, **images)
+    return built, [f'{recording.name}: {warning}' for warning in warnings]
 
 
 def _maps(folder: Path, output: Path) -> dict[Path, Path]:
-    """Return the recordings of a folder by their maps; SourceError if two want one name."""
-    found: dict[Path, Path] = {}
+    """Return the recordings of a folder by their maps; SourceError if two maps share a name."""
+    maps: dict[Path, Path] = {}
     for recording in recordings_in(folder):
         name = recording.name if recording.is_dir() else recording.name.partition('.')[0]
-        other = found.setdefault(output / f'{name}.db', recording)
+        other = maps.setdefault(output / f'{name}.db', recording)
         if other != recording:
             raise SourceError(
                 f'{recording}: its map would have the name of that of {other.name}; rename one'
             )
-    return found
+    return maps
 
 
 def _opened(path: Path, config: Config) -> MapReader:
-    asked = with_first_stage(config, open_model(config))
-    return MapReader(path, asked.encoding, config.keyframes)
+    completed = with_first_stage(config, open_model(config))
+    return MapReader(path, completed.encoding, config.keyframes)
 
 
 def _clean(jobs: dict[str, Job]) -> None:
-    """Delete what workers that were killed left beside the maps."""
+    """Delete files that killed workers left beside the maps."""
     for _, path, *_ in jobs.values():
         with suppress(MapError), MapLock(path):
             pass
 
 
 def _serve(chosen: argparse.Namespace) -> int:
-    """Tell a scheduler its maps; without one, be it until Ctrl-C."""
+    """Publish the maps on a scheduler; without one, run a scheduler until Ctrl-C."""
     paths = maps_in(chosen.maps)
     with connected(_chosen_cluster(chosen)) as client:
         serve(client, paths)
@@ -202,23 +202,23 @@ def _serve(chosen: argparse.Namespace) -> int:
 
 
 def _replay(chosen: argparse.Namespace) -> int:
-    """Replay, write the table, and sum it up."""
-    paths, told = maps_in(chosen.maps), set[str]()
-    # Without a scheduler, workers are of this process: messages are not pickled, and cost half.
+    """Replay, write the table, and print a summary."""
+    paths, reported = maps_in(chosen.maps), set[str]()
+    # Without a scheduler, workers run in this process: unpickled messages cost half.
     with connected(replace(_chosen_cluster(chosen), are_threads=True)) as client:
         sources, config = chosen.topic.split(), chosen_config(chosen)
         model = open_model(config)
         fleet = Fleet(client, paths, config, sources=sources, describe=model)
 
-        def tell() -> None:
+        def warn_of_missing() -> None:
             for line in fleet.missing:
-                if line not in told:
+                if line not in reported:
                     warn(f'{line}; the other maps answer')
-            told.update(fleet.missing)
+            reported.update(fleet.missing)
 
-        tell()
+        warn_of_missing()
         fleet.cameras.warm_up()
-        summary = replay_chosen(chosen, fleet.cameras, chosen.maps, tell)
+        summary = replay_chosen(chosen, fleet.cameras, chosen.maps, warn_of_missing)
     if chosen.json:
         about = {'output': str(chosen.output), 'slow': fleet.slow, 'missing': fleet.missing}
         print(json.dumps(about | summary))
@@ -231,14 +231,14 @@ def _replay(chosen: argparse.Namespace) -> int:
 
 def maps_in(folder: Path) -> list[Path]:
     """Return the maps in a folder, map2 before map10; MapError if there are none."""
-    found = sorted((one for one in folder.glob('*.db') if one.is_file()), key=natural_key)
-    if not found:
+    maps = sorted((path for path in folder.glob('*.db') if path.is_file()), key=natural_key)
+    if not maps:
         raise MapError(f'{folder}: no map in it (*.db); make some with convseq fleet build')
-    return found
+    return maps
 
 
 def _link(chosen: argparse.Namespace) -> int:
-    """Link all maps as if merged, a session a job; print what was found, and make the outputs."""
+    """Link all maps as if merged, one job per session; print the links, and make the outputs."""
     paths, slices = list[Path](), list[SessionSlice]()
     for path in maps_in(chosen.map):
         try:
@@ -248,29 +248,29 @@ def _link(chosen: argparse.Namespace) -> int:
             warn(f'{error}; the other maps are linked')
     if not slices:
         raise MapError(f'{chosen.map}: no map of it has a place')
-    whole, once = joined(slices), (tuple(paths), uuid4().hex)
-    jobs = {f'{one.start}': (*once, one) for one in not_linked(whole)}
+    merged, run = joined(slices), (tuple(paths), uuid4().hex)
+    jobs = {f'{session.start}': (*run, session) for session in not_linked(merged)}
     links = list[Link]()
     with connected(_chosen_cluster(chosen)) as client:
-        found = done(client, links_in, jobs)
-        for _, those in progress(found, len(jobs), chosen.map.name, 'sessions'):
-            if isinstance(those, ConvseqError):
-                raise those
-            links += those
-    for one in sorted(links, key=lambda one: one.place):
-        whole.links.add(one.place, one.other, one.confidence, one.inliers, one.relative)
-    make_outputs(chosen, whole)
+        results = done(client, links_in, jobs)
+        for _, result in progress(results, len(jobs), chosen.map.name, 'sessions'):
+            if isinstance(result, ConvseqError):
+                raise result
+            links += result
+    for link in sorted(links, key=lambda link: link.place):
+        merged.links.add(link.place, link.other, link.confidence, link.inliers, link.relative)
+    make_outputs(chosen, merged)
     return 0
 
 
 def links_in(paths: tuple[Path, ...], run: str, session: range) -> list[Link]:
-    """Return the links of a session of some maps to what comes before, in one run."""
-    whole = joined(_slices(paths, run))
-    for _ in link_map(whole, sessions=[session]):
+    """Return the links of a session to earlier places of the maps; `run` is the command's id."""
+    merged = joined(_slices(paths, run))
+    for _ in link_map(merged, sessions=[session]):
         pass
-    return [one for one in whole.links.each() if one.place in session]
+    return [link for link in merged.links.each() if link.place in session]
 
 
 @lru_cache(maxsize=1)
 def _slices(paths: tuple[Path, ...], _run: str) -> list[SessionSlice]:
-    return [one for path in paths for one in slices_of(path)]
+    return [part for path in paths for part in slices_of(path)]

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Say what a map or a recording holds, or what is installed: `convseq info [FILE]`."""
+"""Print what a map or a recording holds, or what is installed: `convseq info [FILE]`."""
 
 import argparse
 from datetime import datetime, UTC
@@ -37,15 +37,15 @@ _REMAPPED = {'--topic': 'image', '--odom': 'odom', '--camera-info': 'camera_info
 
 
 def describe_installation() -> dict[str, str | int]:
-    """Return versions, kernels and processor, by name; texts, and the number of cores."""
-    found = library()
+    """Return versions, kernels, processor and number of cores, by name."""
+    compiled = library()
     return {
         'convseq_ros': __version__,
         'python': platform.python_version(),
         'numpy': np.__version__,
         'opencv': cv2.__version__,
         'rclpy': version_of('rclpy', 'ros-rclpy'),
-        'kernels': found.variant or f'numpy: {found.problem}',
+        'kernels': compiled.variant or f'numpy: {compiled.problem}',
         'machine': platform.machine(),
         'processor': processor(),
         'cores': os.cpu_count() or 0,
@@ -72,8 +72,8 @@ def run(chosen: argparse.Namespace) -> int:
         print(json.dumps(installed) if chosen.json else '\n'.join(lines))
         return 0
     if file.is_dir() or is_recording_file(file):
-        found = describe_recording(file, chosen_reading(chosen))
-        print(json.dumps(found) if chosen.json else '\n'.join(recording_lines(found)))
+        facts = describe_recording(file, chosen_reading(chosen))
+        print(json.dumps(facts) if chosen.json else '\n'.join(recording_lines(facts)))
         return 0
     reader = MapReader(file)
     opened = reader.reference_map()
@@ -96,7 +96,7 @@ def run(chosen: argparse.Namespace) -> int:
 
 
 def in_short(facts: dict[str, Any]) -> str:
-    """Return how many keyframes, places and links there are."""
+    """Return the numbers of keyframes, places and links in a line."""
     keyframes, places = facts['references'], facts['places']
     if not facts['linked']:
         return f'{keyframes} keyframes, not all of them linked: convseq map link {facts["map"]}'
@@ -108,16 +108,16 @@ def in_short(facts: dict[str, Any]) -> str:
 
 
 def describe_map(path: Path, reference_map: ReferenceMap) -> dict[str, Any]:
-    """Return counts, time span, and the length of the drives; linked keyframes show one place."""
+    """Return counts, time span and length of the drives; linked keyframes count as one place."""
     places, links = list(reference_map.places), [*reference_map.links.each()]
-    of_session = {number: [*some] for number, some in groupby(places, attrgetter('session'))}
+    drives = {number: [*drive] for number, drive in groupby(places, attrgetter('session'))}
     sessions = [
         {
             'session': number,
             'name': session.name,
             'id': session.id,
             'start_ns': session.start_ns,
-            **_describe_drive(of_session.get(number, [])),
+            **_describe_drive(drives.get(number, [])),
             'camera': bool(session.camera),
             'frame': session.frame,
         }
@@ -130,22 +130,22 @@ def describe_map(path: Path, reference_map: ReferenceMap) -> dict[str, Any]:
         'places': len(places) - len(links),
         'links': len(links),
         'links_between_sessions': sum(
-            places[one.place].session != places[one.other].session for one in links
+            places[link.place].session != places[link.other].session for link in links
         ),
         'linked': reference_map.is_linked,
         'first_stamp_ns': places[0].stamp_ns if places else None,
         'last_stamp_ns': places[-1].stamp_ns if places else None,
         'sources': sorted({place.source for place in places})[:5],
         'with_pose': sum(place.pose is not None for place in places),
-        'path_m': sum((one['path_m'] for one in sessions), 0.0),
+        'path_m': sum((session['path_m'] for session in sessions), 0.0),
         'sessions': sessions,
     }
 
 
 def _describe_drive(places: list[Place]) -> dict[str, Any]:
-    known = [place.pose.position for place in places if place.pose]
-    ways = [math.dist(*both) for both in pairwise(known)]
-    return {'references': len(places), 'with_pose': len(known), 'path_m': sum(ways, 0.0)}
+    positions = [place.pose.position for place in places if place.pose]
+    steps_m = [math.dist(*both) for both in pairwise(positions)]
+    return {'references': len(places), 'with_pose': len(positions), 'path_m': sum(steps_m, 0.0)}
 
 
 def _readable(name: str, fact: object) -> str:
@@ -172,12 +172,11 @@ def _line(session: dict[str, Any]) -> str:
 
 def describe_recording(path: Path, reading: ReadingConfig = ReadingConfig()) -> dict[str, Any]:
     """
-    Return what a recording, a folder of pictures or a video holds, if it is not too large.
+    Return what a recording, a folder of pictures or a video holds; SourceError if unreadable.
 
-    The keys are `recording`, `images`, `warnings`, and for a recording `seconds`, `topics` (each
-    with topic, type, messages and rate_hz, None for a single message) and `use` (options, each
-    with the topics that it could name). SourceError if there is none, or it cannot be read.
-
+    The keys are `recording`, `images`, `warnings`, and for a recording `seconds`, `topics` (with
+    topic, type, messages and rate_hz, which is None for a single message) and `use` (for each
+    option, the topics that it could name).
     """
     if not (path.is_dir() and holds_recording(path)) and not is_storage_file(path):
         images = len(open_source(path, reading=reading))
@@ -186,14 +185,14 @@ def describe_recording(path: Path, reading: ReadingConfig = ReadingConfig()) -> 
     topics = merge_topics(storage.topics for storage in storages)
     seconds = sum(storage.duration_s for storage in storages)
     warnings = [*warnings, *(storage.damage for storage in storages if storage.damage)]
-    held = [topic for topic in topics.values() if topic.count]
+    filled = [topic for topic in topics.values() if topic.count]
     return {
         'recording': str(path),
-        'images': sum(topic.count for topic in held if topic.type_name in IMAGE_TYPES),
+        'images': sum(topic.count for topic in filled if topic.type_name in IMAGE_TYPES),
         'seconds': seconds,
         'topics': [_described(topics[name], seconds) for name in sorted(topics)],
         'use': {
-            option: sorted(topic.name for topic in held if topic.type_name in types)
+            option: sorted(topic.name for topic in filled if topic.type_name in types)
             for option, types in _OPTIONS.items()
         },
         'warnings': warnings,
@@ -208,18 +207,18 @@ def _described(topic: Topic, seconds: float) -> dict[str, Any]:
 
 
 def recording_lines(facts: dict[str, Any]) -> list[str]:
-    """Return what `describe_recording` found, for people."""
+    """Return the result of `describe_recording` as lines for people."""
     lines = [f'{facts["recording"]}: {facts["images"]} images']
     commands = f'convseq build-map {shlex.quote(facts["recording"])} map.db'
     if 'topics' in facts:
         lines[0] += f', {facts["seconds"]:.1f} s'
-        shown = [
-            (printable(each['topic']), printable(each['type']), each) for each in facts['topics']
+        rows = [
+            (printable(fact['topic']), printable(fact['type']), fact) for fact in facts['topics']
         ]
-        width = max((len(topic) for topic, *_ in shown), default=0)
-        for topic, kind, each in shown:
-            rate = '' if each['rate_hz'] is None else f', {each["rate_hz"]:g} Hz'
-            lines.append(f'  {topic:{width}}  {kind}, {each["messages"]} messages{rate}')
+        width = max((len(topic) for topic, *_ in rows), default=0)
+        for topic, kind, fact in rows:
+            rate = '' if fact['rate_hz'] is None else f', {fact["rate_hz"]:g} Hz'
+            lines.append(f'  {topic:{width}}  {kind}, {fact["messages"]} messages{rate}')
     lines += [f'warning: {text}' for text in facts['warnings']]
     chosen, others = {}, []
     for option, names in facts.get('use', {}).items():
@@ -239,5 +238,5 @@ def recording_lines(facts: dict[str, Any]) -> list[str]:
 
 
 def quoted(name: str) -> str:
-    """Return a stranger's name as one word of a shell, whatever is in it."""
+    """Return a name of unknown origin, quoted as one word for a shell."""
     return shlex.quote(printable(name))

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Say where in a map images were taken: `convseq locate IMAGE... --map MAP`."""
+"""Print where in a map images were taken: `convseq locate IMAGE... --map MAP`."""
 
 import argparse
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Look at the images in turn, and say what is known after the last."""
+    """Process the images in turn, and print the localisation after the last."""
     config = chosen_config(chosen)
     if config.online.mode != 'preloaded':
         raise ConfigError('mode: locate adds nothing to a map; leave it preloaded')
@@ -45,13 +45,13 @@ def run(chosen: argparse.Namespace) -> int:
         recognizer = session.recognizer
         frames = list(_frames(chosen.images, recognizer, chosen.camera_info))
         matches = [recognizer.process(frame) for frame in frames]
-        found = _pose(matches, recognizer)
-        answer = _answer(matches, recognizer, found)
+        pose = _pose(matches, recognizer)
+        answer = _answer(matches, recognizer, pose)
         if chosen.picture:
             _draw(chosen.picture, frames[-1], matches[-1], recognizer)
     finally:
         session.close()
-    print(json.dumps(answer) if chosen.json else _told(answer, found))
+    print(json.dumps(answer) if chosen.json else _in_words(answer, pose))
     return 0
 
 
@@ -76,11 +76,11 @@ def _frames(
 
 
 def _pose(matches: Sequence[Match], recognizer: PlaceRecognizer) -> PoseEstimate | None:
-    """Return where the camera is, if that is known and places have poses."""
-    known = matches[-1].localization
-    if known is None or known.reference_index is None:
+    """Return the pose of the camera; None if it is not localised or places have no poses."""
+    last = matches[-1].localization
+    if last is None or last.reference_index is None:
         return None
-    places, index, row = recognizer.reference_map.places, known.reference_index, None
+    places, index, row = recognizer.reference_map.places, last.reference_index, None
     for match in reversed(matches):
         row = recognizer.buffer.row if match is matches[-1] else None
         if match.accepted and match.accepted.reference_index == index:
@@ -90,24 +90,24 @@ def _pose(matches: Sequence[Match], recognizer: PlaceRecognizer) -> PoseEstimate
 
 
 def _answer(
-    matches: Sequence[Match], recognizer: PlaceRecognizer, found: PoseEstimate | None
+    matches: Sequence[Match], recognizer: PlaceRecognizer, pose: PoseEstimate | None
 ) -> dict[str, Any]:
-    known = matches[-1].localization or Localization()
-    index = known.reference_index
+    localization = matches[-1].localization or Localization()
+    index = localization.reference_index
     answer: dict[str, Any] = {
-        'state': known.state.value,
-        'quality': known.quality,
+        'state': localization.state.value,
+        'quality': localization.quality,
         'place': index,
-        'problem': known.problem,
+        'problem': localization.problem,
         'reason': matches[-1].reason.value,
         'images': len(matches),
         'pose': None,
     }
-    if found:
+    if pose:
         answer['pose'] = {
-            'position_m': list(found.pose.position),
-            'orientation': list(found.pose.orientation),
-            'covariance': found.covariance.ravel().tolist(),
+            'position_m': list(pose.pose.position),
+            'orientation': list(pose.pose.orientation),
+            'covariance': pose.covariance.ravel().tolist(),
         }
     if index is not None:
         place = recognizer.reference_map.places[index]
@@ -115,7 +115,7 @@ def _answer(
     return answer
 
 
-def _told(answer: dict[str, Any], found: PoseEstimate | None) -> str:
+def _in_words(answer: dict[str, Any], pose: PoseEstimate | None) -> str:
     if answer['place'] is None:
         return f'{answer["state"]}: {answer["problem"]}'
     quality = 'not known' if answer['quality'] is None else f'{answer["quality"]:.2f}'
@@ -123,18 +123,18 @@ def _told(answer: dict[str, Any], found: PoseEstimate | None) -> str:
     if answer['problem']:
         lines[0] += f' ({answer["problem"]})'
     lines.append(f'taken at {answer["stamp_ns"]} ns, from {answer["source"]}')
-    if found is None:
+    if pose is None:
         lines.append('no pose: the map has none; build it with --odom or --poses')
     else:
-        lines.append(f'{found}, as the map gives poses')
+        lines.append(f'{pose}, in the frame of the map')
     return '\n'.join(lines)
 
 
 def _draw(path: Path, frame: Frame, match: Match, recognizer: PlaceRecognizer) -> None:
     best = match.best
     thumbnail = recognizer.reference_map.thumbnail(best.reference_index) if best else b''
-    shown = upright(frame, recognizer.reference_map.encoding)
-    picture = match_picture(shown, match, thumbnail, recognizer.buffer.field(best))
+    image = upright(frame, recognizer.reference_map.encoding)
+    picture = match_picture(image, match, thumbnail, recognizer.buffer.field(best))
     done, png = cv2.imencode('.png', picture)
     if not done:
         raise ConvseqError(f'{path}: the picture cannot be encoded')

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of map files: `convseq map VERB`."""
+"""Edit map files: `convseq map VERB`."""
 
 import argparse
 from dataclasses import replace
@@ -63,9 +63,9 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
     add = add_verb(verbs, 'remove', _remove, 'take sessions or surplus looks out of a map')
     add.add_argument('map', type=Path, help='replaced in one step, or not at all')
-    what = add.add_mutually_exclusive_group(required=True)
-    what.add_argument('--session', action='append', help=_SESSION)
-    add_max_looks(what)
+    selection = add.add_mutually_exclusive_group(required=True)
+    selection.add_argument('--session', action='append', help=_SESSION)
+    add_max_looks(selection)
 
     add = add_verb(verbs, 'rename', _rename, 'call a session of a map by another name')
     add.add_argument('map', type=Path)
@@ -77,53 +77,53 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Do what the verb says."""
+    """Run the verb."""
     chosen.act(chosen)
     return 0
 
 
 def _unlink(chosen: argparse.Namespace) -> None:
-    whole = open_map(chosen.map)
-    linked = {place for place, _ in whole.links}
+    reference_map = open_map(chosen.map)
+    linked = {place for place, _ in reference_map.links}
     if unknown := {*chosen.place} - linked:
         raise MapError(f'{chosen.map}: place {min(unknown)} has no link')
     places = {*chosen.place}
     for wanted in chosen.session:
-        places |= {*chosen_slice(slices_of(chosen.map, whole), wanted).places}
+        places |= {*chosen_slice(slices_of(chosen.map, reference_map), wanted).places}
     count = unlink(chosen.map, places or None)
-    rest = 'their places are not looked up again'
+    note = 'their places are not looked up again'
     if not places:
-        rest = 'convseq map link looks them up anew'
-    print(f'{chosen.map}: {count} of {len(linked)} links taken out; {rest}')
+        note = 'convseq map link looks them up anew'
+    print(f'{chosen.map}: {count} of {len(linked)} links taken out; {note}')
 
 
 def _merge(chosen: argparse.Namespace) -> None:
     refuse_existing(chosen.output)
-    slices = [one for path in chosen.maps for one in slices_of(path)]
+    slices = [session for path in chosen.maps for session in slices_of(path)]
     if not slices:
         raise MapError(f'{chosen.maps[0]}: has no place')
-    whole = joined(slices)
+    merged = joined(slices)
     if not chosen.no_links:
-        count = sum(map(len, not_linked(whole)))
-        for _ in progress(link_map(whole), count, 'links', 'places'):
+        count = sum(map(len, not_linked(merged)))
+        for _ in progress(link_map(merged), count, 'links', 'places'):
             pass
-    whole = pruned(chosen.output, whole, chosen.max_looks)
-    write_new(whole, chosen.output, of_map(chosen.output))
+    merged = pruned(chosen.output, merged, chosen.max_looks)
+    write_new(merged, chosen.output, of_map(chosen.output))
     _report(chosen, chosen.output)
 
 
 def _split(chosen: argparse.Namespace) -> None:
     folder, files = chosen.output or chosen.map.parent, dict[Path, SessionSlice]()
-    for one in slices_of(chosen.map):
-        name = _UNUSUAL.sub('_', one.session.name).strip('._') or str(one.number)
+    for part in slices_of(chosen.map):
+        name = _UNUSUAL.sub('_', part.session.name).strip('._') or str(part.number)
         path = folder / f'{name}.db'
         if path in files or path.exists():
-            path = folder / f'{name}-{one.number}.db'
+            path = folder / f'{name}-{part.number}.db'
         refuse_existing(path)
-        files[path] = one
+        files[path] = part
     folder.mkdir(parents=True, exist_ok=True)
-    for path, one in files.items():
-        write_new(joined([one]), path, of_map(path))
+    for path, part in files.items():
+        write_new(joined([part]), path, of_map(path))
     _report(chosen, *files)
 
 
@@ -131,10 +131,10 @@ def _remove(chosen: argparse.Namespace) -> None:
     if chosen.session:
         slices = slices_of(chosen.map)
         removed = [chosen_slice(slices, wanted) for wanted in chosen.session]
-        left = [one for one in slices if one not in removed]
-        if not left:
+        remaining = [part for part in slices if part not in removed]
+        if not remaining:
             raise MapError(f'{chosen.map}: nothing would be left of it; delete the file instead')
-        write_new(joined(left), chosen.map, of_map(chosen.map), slices[0].reference_map)
+        write_new(joined(remaining), chosen.map, of_map(chosen.map), slices[0].reference_map)
     else:
         prune_looks(chosen.map, chosen.max_looks, of_map(chosen.map))
     _report(chosen, chosen.map)
@@ -142,20 +142,20 @@ def _remove(chosen: argparse.Namespace) -> None:
 
 def _rename(chosen: argparse.Namespace) -> None:
     slices = slices_of(chosen.map)
-    one, name = chosen_slice(slices, chosen.session), chosen.name
+    part, name = chosen_slice(slices, chosen.session), chosen.name
     if not name.isprintable() or not 0 < len(name) <= _MOST_CHARACTERS:
-        raise MapError(f'name: {name!a} is no line of 1 to {_MOST_CHARACTERS} characters')
-    if any(other.session.name == name for other in slices if other is not one):
+        raise MapError(f'name: {name!a} is not a line of 1 to {_MOST_CHARACTERS} characters')
+    if any(other.session.name == name for other in slices if other is not part):
         raise MapError(f'{chosen.map}: another session is called {name!r}; take another name')
-    rename_session(replace(one, session=replace(one.session, name=name)))
+    rename_session(replace(part, session=replace(part.session, name=name)))
     _report(chosen, chosen.map)
 
 
 def _report(chosen: argparse.Namespace, *paths: Path) -> None:
-    """Print what maps hold now."""
+    """Print what the maps hold now."""
     facts = [describe_map(path, open_map(path)) for path in paths]
     if chosen.json:
         print(json.dumps(facts))
         return
-    for one in facts:
-        print(f'{one["map"]}: {in_short(one)}')
+    for fact in facts:
+        print(f'{fact["map"]}: {in_short(fact)}')

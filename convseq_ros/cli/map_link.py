@@ -36,7 +36,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:
-    """Declare what may be made of links."""
+    """Declare the outputs that can be made from links."""
     add = parser.add_argument
     add('--g2o', type=Path, metavar='FILE', help='write the graph of poses')
     help_ = 'write a map whose poses are in one frame'
@@ -46,29 +46,29 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> None:
-    """Look up what was not looked up before, keep its links, and make what is asked for."""
+    """Link the places that are not linked yet, store the links, and make the outputs."""
     if chosen.output:
         refuse_existing(chosen.output)
     config = make_config(given(chosen, of_links()))
-    whole = open_map(chosen.map)
-    if count := sum(map(len, not_linked(whole))):
-        with closing(Autosave(chosen.map, whole.encoding, whole.keyframes, True)) as kept:
+    opened = open_map(chosen.map)
+    if count := sum(map(len, not_linked(opened))):
+        with closing(Autosave(chosen.map, opened.encoding, opened.keyframes, True)) as kept:
             linking = link_map(kept.reference_map, config)
             for _ in progress(linking, count, chosen.map.name, 'places'):
                 kept.save()
     make_outputs(chosen, open_map(chosen.map))
 
 
-def make_outputs(chosen: argparse.Namespace, whole: ReferenceMap) -> None:
-    """Report the links of a map, and make of them what is asked for."""
+def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
+    """Print the links of a map, and make the outputs that the options name."""
     if chosen.output:
         refuse_existing(chosen.output)
-    slices, links = slices_of(chosen.map, whole), [*whole.links.each()]
+    slices, links = slices_of(chosen.map, linked), [*linked.links.each()]
     if not slices:
         raise MapError(f'{chosen.map}: has no place')
     _report(slices, links, chosen.json)
-    poses = {at: matrix(place.pose) for at, place in enumerate(whole.places) if place.pose}
-    session = [place.session for place in whole.places]
+    poses = {at: matrix(place.pose) for at, place in enumerate(linked.places) if place.pose}
+    session = [place.session for place in linked.places]
     edges = [*edges_of(poses, session, links)]
     if chosen.g2o:
         with complete_or_absent(chosen.g2o) as file:
@@ -83,23 +83,23 @@ def make_outputs(chosen: argparse.Namespace, whole: ReferenceMap) -> None:
         )
     after = optimise(edges, start)
     if chosen.picture:
-        draw_solved(chosen.picture, whole, poses, after)
+        draw_solved(chosen.picture, linked, poses, after)
         print(f'{chosen.picture}: drawn', file=sys.stderr)
     if chosen.output:
-        first = whole.sessions[session[min(after)]]
-        frame = first.frame or f'linked {whole.map_id}'
-        moved = [_moved(one, after, frame) for one in slices]
+        first = linked.sessions[session[min(after)]]
+        frame = first.frame or f'linked {linked.map_id}'
+        moved = [_moved(part, after, frame) for part in slices]
         write_new(joined(moved), chosen.output, of_map(chosen.output))
 
 
-def _moved(one: SessionSlice, after: Poses, frame: str) -> SessionSlice:
-    """Return a session with its new poses, in the frame of all that are linked."""
-    poses = {at: pose_of(after[at]) for at in one.places if at in after}
-    return replace(one, session=replace(one.session, frame=frame), poses=poses) if poses else one
+def _moved(part: SessionSlice, after: Poses, name: str) -> SessionSlice:
+    """Return a session with its new poses, in the frame `name` of all linked sessions."""
+    poses = {at: pose_of(after[at]) for at in part.places if at in after}
+    return replace(part, session=replace(part.session, frame=name), poses=poses) if poses else part
 
 
 def _report(slices: Sequence[SessionSlice], links: Sequence[Link], as_json: bool) -> None:
-    session = {at: one for one in slices for at in one.places}
+    session = {at: part for part in slices for at in part.places}
     if as_json:
         facts = [
             {
@@ -118,12 +118,12 @@ def _report(slices: Sequence[SessionSlice], links: Sequence[Link], as_json: bool
         ]
         print(json.dumps(facts))
         return
-    for one in slices:
-        own = [link for link in links if session[link.place] is one]
-        into = Counter(printable(session[link.other].session.name) for link in own)
-        measured = sum(bool(link.relative and link.relative.pose) for link in own)
+    for part in slices:
+        of_part = [link for link in links if session[link.place] is part]
+        into = Counter(printable(session[link.other].session.name) for link in of_part)
+        measured = sum(bool(link.relative and link.relative.pose) for link in of_part)
         where = ', '.join(f'{count} in {name}' for name, count in into.most_common())
         print(
-            f'{one.number} {printable(one.session.name)}: {len(own)} of {len(one.places)} places '
-            f'linked, {measured} measured in metres{": " if where else ""}{where}'
+            f'{part.number} {printable(part.session.name)}: {len(of_part)} of {len(part.places)} '
+            f'places linked, {measured} measured in metres{": " if where else ""}{where}'
         )

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What commands share: options and parameter files, and what a person at a terminal sees."""
+"""Shared by commands: options, parameter files, and output for a person at a terminal."""
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -18,27 +18,27 @@ from convseq_ros.parameter import add_parameters, given, parameters, refuse_unkn
 from convseq_ros.reading_config import chosen_reading, ReadingConfig
 
 Item = TypeVar('Item')
-_ROS_OWN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
+_OF_ROS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
 
 def add_verb(
     verbs: Any, name: str, act: Callable[[argparse.Namespace], Any], text: str
 ) -> argparse.ArgumentParser:
-    """Add a verb of a command, which `act` does, and return where its arguments are declared."""
-    made: argparse.ArgumentParser = verbs.add_parser(
+    """Add a verb that runs `act` to a command; return its parser for further arguments."""
+    verb: argparse.ArgumentParser = verbs.add_parser(
         name, help=text, description=text.capitalize() + '.'
     )
-    made.set_defaults(act=act)
-    return made
+    verb.set_defaults(act=act)
+    return verb
 
 
 def add_max_looks(parser: Any, keeps_all: bool = True) -> None:
-    """Add an option for how many looks of a place a map keeps; by default all, or as online."""
-    (known,) = (item for item in parameters(OnlineConfig) if item.name == 'max_looks')
-    usual = 0 if keeps_all else known.default
-    help_ = 'looks of a place that stay; of more, the one most like another goes; 0 keeps all; '
-    help_ += f'default: {usual}'
-    parser.add_argument('--max-looks', type=known.parse, default=usual, metavar='N', help=help_)
+    """Add the option `--max-looks`; its default keeps all looks, or as many as online mode."""
+    (item,) = (item for item in parameters(OnlineConfig) if item.name == 'max_looks')
+    default = 0 if keeps_all else item.default
+    help_ = 'maximum number of looks that are kept of a place, without the most similar; 0: all; '
+    help_ += f'default: {default}'
+    parser.add_argument('--max-looks', type=item.parse, default=default, metavar='N', help=help_)
 
 
 def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
@@ -59,7 +59,7 @@ def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
 def chosen_images(chosen: argparse.Namespace) -> dict[str, Any]:
     """Return what `add_images` declares, as `open_each_camera` takes it."""
     names = 'odom', 'camera_info', 'poses', 'depth'
-    return {'topics': chosen.topic} | {one: getattr(chosen, one, None) or '' for one in names}
+    return {'topics': chosen.topic} | {name: getattr(chosen, name, None) or '' for name in names}
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
@@ -72,7 +72,7 @@ def add_config(parser: argparse.ArgumentParser) -> None:
 def chosen_config(
     chosen: argparse.Namespace, otherwise: Mapping[str, Value] | None = None
 ) -> Config:
-    """Return what options, file or else the command ask for; ConfigError if it is not allowed."""
+    """Return the values of options, else of the file, else `otherwise`; ConfigError if invalid."""
     reading = chosen_reading(chosen)
     values = read_parameter_file(chosen.config, reading) if chosen.config else {}
     config = make_config({**(otherwise or {}), **values, **given(chosen, core_parameters())})
@@ -80,7 +80,7 @@ def chosen_config(
 
 
 def read_parameter_file(path: Path, reading: ReadingConfig = ReadingConfig()) -> dict[str, Any]:
-    """Return the matching parameters of a ROS parameter file; the node's own are left out."""
+    """Return the matching parameters of a ROS parameter file, without those of the node."""
     values: dict[str, Any] = {}
     for node in read_yaml(path, reading).values():
         part = node.get('ros__parameters') if isinstance(node, dict) else None
@@ -90,13 +90,13 @@ def read_parameter_file(path: Path, reading: ReadingConfig = ReadingConfig()) ->
             )
         values |= part
     core = [item.name for item in core_parameters()]
-    node_own = [item.name for item in parameters(NodeConfig)]
-    refuse_unknown(values, [*core, *node_own, *_ROS_OWN])
+    of_node = [item.name for item in parameters(NodeConfig)]
+    refuse_unknown(values, [*core, *of_node, *_OF_ROS])
     return {name: value for name, value in values.items() if name in core}
 
 
-def progress(items: Iterable[Item], total: int, what: str, unit: str = 'frames') -> Iterator[Item]:
-    """Yield the items; a terminal shows how far, how fast and how long still."""
+def progress(items: Iterable[Item], total: int, name: str, unit: str = 'frames') -> Iterator[Item]:
+    """Yield the items; show progress, speed and remaining time in a terminal."""
     if not sys.stderr.isatty():
         yield from items
         return
@@ -105,7 +105,7 @@ def progress(items: Iterable[Item], total: int, what: str, unit: str = 'frames')
     except ImportError:
         yield from items
         return
-    yield from tqdm(items, what, total, unit=f' {unit}', dynamic_ncols=True)
+    yield from tqdm(items, name, total, unit=f' {unit}', dynamic_ncols=True)
 
 
 def warn(line: str) -> None:
@@ -114,10 +114,10 @@ def warn(line: str) -> None:
 
 
 def of_map(path: Path) -> Callable[[Sequence[int]], Iterable[int]]:
-    """Return what shows how far a map is written."""
+    """Return a function that shows the progress of writing a map."""
     return lambda steps: progress(steps, len(steps), path.name, '64 places')
 
 
 def printable(text: str) -> str:
-    """Return a stranger's words without what is more than text to a terminal."""
-    return ''.join(one if one.isprintable() else '?' for one in text)
+    """Return a text of unknown origin without control characters for a terminal."""
+    return ''.join(letter if letter.isprintable() else '?' for letter in text)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes as processes of their own, among themselves, and the table that one of them writes."""
+"""Runs nodes as separate processes in a private ROS domain, and reads their result table."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -30,8 +30,8 @@ def recognise_live(
     """
     Return the result table that the node wrote, one row for every frame that reached it.
 
-    The player publishes a recording of so many `frames`, `rate` seconds of it in a second. Tables
-    and logs go to a folder. ConvseqError if ROS is not there, or a process fails.
+    The player publishes a recording of `frames` images at `rate` times its speed. Tables and logs
+    go to `folder`. ConvseqError if ROS is not installed, or a process fails.
     """
     need_ros()
     table = folder / 'live.csv'
@@ -55,12 +55,12 @@ _NODE_STARTS_S = '60'
 
 @cache
 def own_domain() -> int:
-    """Claim a ROS domain of its own for this process; ConvseqError if all of them are claimed."""
+    """Claim a ROS domain for this process alone; ConvseqError if all of them are in use."""
     for number in range(_HIGHEST_DOMAIN):
         domain = 1 + (os.getpid() + number) % _HIGHEST_DOMAIN
         claim = socket.socket(socket.AF_UNIX)
         try:
-            # No file, but a name that belongs to the network and is free again with the process.
+            # An abstract name instead of a file: it is free again when the process ends.
             claim.bind(f'\0convseq_ros_domain_{domain}')
         except OSError:
             claim.close()
@@ -71,7 +71,7 @@ def own_domain() -> int:
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Return an environment in which the processes of this one hear each other and nobody else."""
+    """Return an environment in which this process's children see each other and nobody else."""
     return {
         **os.environ,
         **fast_dds(LARGE_IMAGES),
@@ -81,19 +81,19 @@ def environment(folder: Path) -> dict[str, str]:
     }
 
 
-def need_ros(what: str = '') -> None:
-    """Raise ConvseqError, with what needs ROS and what to type, if it is not there."""
+def need_ros(user: str = '') -> None:
+    """Raise a ConvseqError that says how to install ROS, which `user` needs, if it is missing."""
     if find_spec('rclpy') is None:
-        raise ConvseqError(f'{what}: {NEEDS_ROS}' if what else NEEDS_ROS)
+        raise ConvseqError(f'{user}: {NEEDS_ROS}' if user else NEEDS_ROS)
 
 
 def become_node(module: str, arguments: Sequence[str]) -> NoReturn:
-    """Replace this process by a node's; ConvseqError if ROS, or what it needs, is missing."""
+    """Replace this process by a node's; ConvseqError if ROS or another package is missing."""
     if module.endswith('watch') and find_spec('rich') is None:
         raise ConvseqError(f'watching needs rich: {pip_install("rich")}')
     need_ros()
     sys.stdout.flush()
-    # Until the node stands by, signals wait: a new Python dies of them, and says so at length.
+    # Block signals until the node handles them: a starting Python would print a traceback.
     signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     command = [sys.executable, '-m', module, *arguments]
     os.execve(sys.executable, command, {**os.environ, **fast_dds(LARGE_IMAGES)})
@@ -101,9 +101,9 @@ def become_node(module: str, arguments: Sequence[str]) -> NoReturn:
 
 def player_arguments(recording: Path, rate: float) -> list[str]:
     """Return Python's arguments to play a drawn recording, with all its topics, to a node."""
-    what = ['-m', 'convseq_ros.node.player', str(recording), '--rate', f'{rate:g}']
+    module = ['-m', 'convseq_ros.node.player', str(recording), '--rate', f'{rate:g}']
     return [
-        *what,
+        *module,
         '--odom',
         ODOM,
         '--camera-info',
@@ -142,7 +142,7 @@ def end(process: subprocess.Popen[bytes], end_s: float) -> None:
 
 
 def wait_for_rows(table: Path, wanted: int, stalled_s: float) -> int:
-    """Wait for rows of a table that is written, at most `stalled_s` for one; return how many."""
+    """Wait for rows of a growing table, at most `stalled_s` for each; return their number."""
     part = table.with_name(table.name + '.part')
     rows, changed_s = 0, time.monotonic()
     while rows < wanted and time.monotonic() - changed_s < stalled_s:

@@ -43,7 +43,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 
 def add_replay(parser: argparse.ArgumentParser) -> None:
-    """Declare what is common to every way to replay."""
+    """Declare the arguments that are common to all kinds of replay."""
     # A table of options reads better in few lines.
     # fmt: off
     parser.add_argument('--output', type=Path, default=Path('result.csv'), help='table to write '
@@ -55,14 +55,14 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Replay, write the table, and sum it up."""
+    """Replay, write the table, and print a summary."""
     config, sources = chosen_config(chosen), chosen.topic.split()
     session = Session(chosen.map, config, sources=sources, describe=open_model(config))
     for line in session.ignored:
         warn(line)
     try:
         session.warm_up()
-        summary = replay_chosen(chosen, session.cameras, chosen.map, partial(_keep, session))
+        summary = replay_chosen(chosen, session.cameras, chosen.map, partial(_save, session))
     finally:
         session.close()
     if chosen.json:
@@ -80,16 +80,16 @@ def replay_chosen(
     chosen: argparse.Namespace,
     cameras: Cameras,
     name: Path,
-    then: Callable[[], None] = lambda: None,
+    after_frame: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
-    """Replay a recording in the map of a name; do something after each frame; return a summary."""
+    """Replay a recording in a map, call `after_frame` each time, and return a summary."""
     first = cameras.first
     reading = first.config.reading
     source = in_order(open_each_camera(chosen.recording, reading=reading, **chosen_images(chosen)))
-    way_m = first.reference_map.keyframes.keyframe_distance_m
-    if way_m and not (chosen.odom or chosen.poses):
+    spacing_m = first.reference_map.keyframes.keyframe_distance_m
+    if spacing_m and not (chosen.odom or chosen.poses):
         warn(
-            f'{name}: has a place every {way_m:g} m; without --odom or --poses every frame is '
+            f'{name}: has a place every {spacing_m:g} m; without --odom or --poses every frame is '
             'matched with it'
         )
     matches, durations = [], []
@@ -97,18 +97,18 @@ def replay_chosen(
         for match, duration_ms in replay(source, cameras, write):
             matches.append(match)
             durations.append(duration_ms)
-            then()
+            after_frame()
     for warning in source.warnings:
         warn(warning)
-    if (whole := first.reference_map).unreadable:
-        warn(f'{name}: {whole.unreadable} kept images cannot be used; {whole.unreadable_why}')
+    if (loaded := first.reference_map).unreadable:
+        warn(f'{name}: {loaded.unreadable} kept images cannot be used; {loaded.unreadable_why}')
     if hint := _all_recent(matches, first.config.online.exclusion_s):
         warn(hint)
     return summarize(matches, durations)
 
 
 def _all_recent(matches: list[Match], exclusion_s: float) -> str:
-    """Return what to do if nothing in the map was ever old enough; empty if something was."""
+    """Return advice if no place of the map was ever old enough; empty if one was."""
     if Reason.RECENT not in (seen := {match.reason for match in matches}):
         return ''
     if seen & {Reason.ACCEPTED, Reason.AMBIGUOUS, Reason.WEAK, Reason.TOO_FEW_RIVALS}:
@@ -121,7 +121,7 @@ def _all_recent(matches: list[Match], exclusion_s: float) -> str:
 
 
 def in_words(summary: dict[str, Any], slow: str) -> str:
-    """Return a summary in a line; `slow` says why it took long, if so."""
+    """Return a summary in a line; `slow` is why it took long, or empty."""
     reasons = ', '.join(f'{count} {reason}' for reason, count in summary['reasons'].items())
     return (
         f'{summary["frames"]} frames ({reasons}); '
@@ -132,10 +132,10 @@ def in_words(summary: dict[str, Any], slow: str) -> str:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Listener]:
-    """Open a table or, by its name, a recording; yield what writes to it."""
+    """Open a table or, by the file's name, a recording; yield a function that writes to it."""
     if path.suffix == '.mcap':
         need_ros(str(path))
-        # By its name, because commands run without ROS.
+        # Imported by name, because commands run without ROS.
         with import_module('convseq_ros.node.result_recording').ResultRecording(path) as recording:
             yield recording.write
         return
@@ -145,8 +145,8 @@ def opened(path: Path) -> Iterator[Listener]:
         yield lambda _frame, match, _recognizer, duration_ms: table.write(match, duration_ms)
 
 
-def _keep(session: Session) -> None:
-    """Write what the map gained; a full disk ends that, not the replay."""
+def _save(session: Session) -> None:
+    """Write new places to the map; a full disk is a warning and does not end the replay."""
     try:
         session.save()
     except MapError as error:
@@ -166,7 +166,7 @@ def replay(source: Source, cameras: Cameras, write: Listener) -> Iterator[tuple[
 
 
 def summarize(matches: list[Match], durations_ms: list[float]) -> dict[str, Any]:
-    """Return counts, mean sequence length and median time of the frames that were looked at."""
+    """Return counts, mean sequence length, and the median time of frames not between keyframes."""
     lengths = [match.sequence_length for match in matches if match.sequence_length]
     busy_ms = [
         duration_ms

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One page of results, by matplotlib: `convseq report RESULT... --output report.html`."""
+"""One page of results, drawn by matplotlib: `convseq report RESULT... --output report.html`."""
 
 import argparse
 from pathlib import Path

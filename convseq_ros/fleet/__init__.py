@@ -1,3 +1,3 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A fleet: many maps, built and answered from by the workers of one scheduler of Dask."""
+"""A fleet: many maps, which the workers of a Dask scheduler build and search."""

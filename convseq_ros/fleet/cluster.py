@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where a fleet works: in this process, in others of this machine, or on a cluster that is running.
+Where a fleet works: in this process, in others of this machine, or on a running cluster.
 
-Dask unpickles what its peers send, so whoever reaches a scheduler or worker runs code there. Own
-processes listen on 127.0.0.1 only; a cluster elsewhere is talked to by TLS alone.
+Dask unpickles what its peers send, so anyone who reaches a scheduler or worker can run code there.
+Processes of this machine listen on 127.0.0.1 only; a cluster elsewhere is reached only by TLS.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -18,25 +18,25 @@ from typing import Any
 from convseq_ros import __version__
 from convseq_ros.errors import ConvseqError, FleetError, one_line, pip_install
 
-_ANSWERS_WITHIN_S = 10.0  # a scheduler, when it is asked first
-# Python that a worker runs first: Ctrl-C is ours, and each core has a worker already.
+_ANSWERS_WITHIN_S = 10.0  # a scheduler, at the first request
+# Python that a worker runs first: it ignores Ctrl-C, and uses one core.
 _FIRST = (
     'import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); import cv2; cv2.setNumThreads(1)'
 )
 _LOCAL = {
-    # Maps and cells are numbers that hardly shrink.
+    # Maps and cells hardly compress.
     'distributed.comm.compression': False,
-    # A worker that is busy in C for long does not answer; it is not dead.
+    # A worker that is busy in C for long does not answer, but is not dead.
     'distributed.scheduler.worker-ttl': '5 minutes',
     'distributed.admin.tick.limit': '60s',
-    # A worker that died is started again by its nanny. This long after one death Dask would close
-    # whoever of that name is being started again just then, after another one.
+    # The nanny restarts a worker that died. This long after a death, Dask would close a worker of
+    # the same name that is just being restarted after another death.
     'distributed.deploy.lost-worker-timeout': '1 day',
-    # Dask would look a hundred times a second at what its workers do, fifty at how late they are.
+    # By default Dask samples its workers a hundred times a second, and their delays fifty times.
     'distributed.worker.profile.enabled': False,
     'distributed.admin.system-monitor.interval': '10s',
     'distributed.admin.tick.interval': '1s',
-    # No pages: the port that Dask opens for them answers nothing.
+    # No web pages: the port that Dask opens for them serves nothing.
     'distributed.scheduler.http.routes': [],
     'distributed.worker.http.routes': [],
 }
@@ -44,13 +44,13 @@ _LOCAL = {
 
 @dataclass(frozen=True, slots=True)
 class Cluster:
-    """Which workers to use; `workers` of this machine, if no scheduler is named."""
+    """Which workers to use: those of a scheduler or, without one, `workers` on this machine."""
 
     scheduler: str = (
         ''  # tcp://host:port, or tls://host:port with the certificates that Dask knows
     )
     workers: int = 1
-    are_threads: bool = False  # workers of this machine: of this process
+    are_threads: bool = False  # of this process, if no scheduler is named
 
 
 @contextmanager
@@ -90,13 +90,13 @@ def connected(cluster: Cluster) -> Iterator[Any]:
 
 
 def _started(cluster: Cluster, folder: str) -> Any:
-    """Return workers of this machine; FleetError if they do not start, twice."""
+    """Return workers on this machine; FleetError if they do not start at the second try."""
     import distributed
 
     workers = cluster.workers
     kind: dict[str, Any] = {'host': '127.0.0.1', 'preload': _FIRST}
     if cluster.are_threads:
-        # Dask opens ports for pages, of which there are none; by default to everybody.
+        # Dask opens a port for web pages, although there are none; by default to everybody.
         pages = '127.0.0.1:0'
         kind = {'processes': False, 'protocol': 'inproc://', 'worker_dashboard_address': pages}
     for last in (False, True):
@@ -114,14 +114,14 @@ def _started(cluster: Cluster, folder: str) -> Any:
         except (OSError, RuntimeError) as error:
             # Seen once, on a machine with six times as much to do as it has cores.
             if last:
-                why = error.__cause__ or error
-                what = ' '.join(f'{error} {type(why).__name__}: {why}'.split())[:200]
-                raise FleetError(f'{workers} workers did not start ({what}); try fewer') from None
+                cause = error.__cause__ or error
+                line = ' '.join(f'{error} {type(cause).__name__}: {cause}'.split())[:200]
+                raise FleetError(f'{workers} workers did not start ({line}); try fewer') from None
     raise AssertionError('the last try returns or raises')
 
 
 def checked_address(cluster: Cluster) -> str:
-    """Return a scheduler's address, '' if none is named; FleetError if it is none or needs TLS."""
+    """Return a scheduler's address, '' if none is named; FleetError if invalid or without TLS."""
     address = cluster.scheduler
     if not address:
         return ''
@@ -152,28 +152,28 @@ def version() -> str:
 
 
 def _refuse_foreign(client: Any, scheduler: str) -> None:
-    """FleetError unless all workers have this package in this version."""
+    """Raise a FleetError unless all workers have this version of this package."""
     try:
         client.wait_for_workers(1, timeout=_ANSWERS_WITHIN_S)
-        found = client.run(version)
+        versions = client.run(version)
     except TimeoutError:
         raise FleetError(
             f'{scheduler}: has no workers; start some: dask worker {scheduler}'
         ) from None
     except ImportError as error:
         raise FleetError(f'{scheduler}: a worker lacks this package ({error})') from None
-    for worker, own in found.items():
-        if own != __version__:
+    for worker, installed in versions.items():
+        if installed != __version__:
             raise FleetError(
-                f'{scheduler}: worker {worker} has convseq_ros {own}, this is {__version__}; '
-                'install the same'
+                f'{scheduler}: worker {worker} has convseq_ros {installed}, this is '
+                f'{__version__}; install the same'
             )
 
 
 def done(
     client: Any, work: Callable[..., Any], jobs: Mapping[str, tuple[Any, ...]]
 ) -> Iterator[tuple[str, Any]]:
-    """Yield the name of each job that is done, and what the work returned, or the ConvseqError."""
+    """Yield the name of each finished job with the result of its work, or its ConvseqError."""
     from distributed import as_completed, KilledWorker
 
     futures = {client.submit(_tried, work, job, pure=False): name for name, job in jobs.items()}
@@ -186,7 +186,7 @@ def done(
 
 
 def _tried(work: Callable[..., Any], job: tuple[Any, ...]) -> Any:
-    """Return what a work returns, or its error, of which Dask would print the whole trace."""
+    """Return the result of work, or its error, whose traceback Dask would print otherwise."""
     try:
         return work(*job)
     except ConvseqError as error:

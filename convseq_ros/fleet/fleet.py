@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A fleet of maps that workers hold, seen as one map."""
+"""A fleet of maps that workers hold, which appears as one map."""
 
 from bisect import bisect_right
 from collections import deque
@@ -28,7 +28,7 @@ import numpy as np
 
 
 class FleetScores(Coarse):
-    """Asks all shards, by the direction of the newest frame; of a camera, by its number."""
+    """Coarse scores of one camera, by its number, from all shards."""
 
     def __init__(
         self, ask: Callable[[Question], Answer], usual: Usual, both: bool, camera: int
@@ -43,51 +43,53 @@ class FleetScores(Coarse):
         self._drive, self._frame = self._drive + 1, 0
 
     def update(self, descriptor: Descriptor, _usable: int) -> None:
-        """Take in a query, each once; it may show every place, as fleets do not grow."""
+        """Add a query; every place is usable, as fleets do not grow."""
         self._directions.append(self._mean.update(descriptor, self._usual))
         self._frame += 1
 
     def best(self, along: int, newest: int, passed: Sequence[range] = ()) -> Indices:
-        """Return what `Coarse` says; who lacks frames of the drive is told them."""
+        """Return the best places as `Coarse.best`; if a shard lacks frames, they are sent."""
         drive, last = (self._camera, self._drive, self._frame), [self._directions[-1]]
-        asked = Question(self._usual, self._both, *drive, last, along, newest, passed)
-        answer = self._ask(asked) or self._ask(replace(asked, directions=[*self._directions]))
+        question = Question(self._usual, self._both, *drive, last, along, newest, passed)
+        answer = self._ask(question)
+        answer = answer or self._ask(replace(question, directions=[*self._directions]))
         assert answer is not None
         return np.union1d(answer[0][0], answer[1][0])
 
 
 _TRIES = 3  # of a question, each with a new worker
-_LOOKED_AT_EVERY_S = 0.25  # whether a worker lives, while it is waited for
+_LOOKED_AT_EVERY_S = 0.25  # whether a worker is alive, while its answer is waited for
 
 
 @dataclass(eq=False, slots=True)
 class _Worker:
-    """What asks one worker about the shards that it holds."""
+    """Sends questions to one worker, about the shards that it holds."""
 
     client: Any
     paths: Sequence[str]
-    where: str = ''  # its address, if there is a choice
+    address: str = ''  # empty if there is no choice
     future: Any = None
     actor: Any = None
-    problem: str = ''  # why it is not asked any more
+    problem: str = ''  # why it gets no more questions
 
-    def ask(self, timeout_s: float, method: str, what: tuple[Any, ...]) -> Any:
-        """Return the answer, of another worker if this one dies; None if they all do."""
+    def ask(self, timeout_s: float, method: str, arguments: tuple[Any, ...]) -> Any:
+        """Return the answer, by another worker if this one dies; None if all of them die."""
         until = time.monotonic() + timeout_s
         for _ in range(0 if self.problem else _TRIES):
             try:
-                return self._answer(until, Call(method, what))
+                return self._answer(until, Call(method, arguments))
             except TimeoutError:
                 raise FleetError(f'a worker did not answer within {timeout_s:g} s') from None
             except Exception as error:
                 last = error
-                self.where, self.actor, self.future = '', None, None
+                self.address, self.actor, self.future = '', None, None
         self.problem = self.problem or f'asked {_TRIES} workers in vain ({last})'
         return None
 
     def _answer(self, until: float, call: Call) -> Any:
         if self.actor is None:
-            chosen = {'workers': [self.where], 'allow_other_workers': True} if self.where else {}
+            wish = {'workers': [self.address], 'allow_other_workers': True}
+            chosen = wish if self.address else {}
             self.future = self.client.submit(Holder, self.paths, actor=True, pure=False, **chosen)
             self.actor = self.future.result(timeout=max(0.0, until - time.monotonic()))
         reply = self.actor.ask(call)
@@ -105,10 +107,10 @@ class Fleet:
     """
     Recognises places in all maps of a fleet, exactly as in one map merged from them.
 
-    Workers of a `distributed.Client` hold the maps, in the order given. What cannot be opened, or
-    fails later, is `missing`; the rest answers. `sources` name the cameras, if there are several,
-    and `describe` is the model of the maps, as of `Session`. FleetError if the configuration asks
-    for what a fleet cannot do, nothing can be opened, or a question takes longer than `timeout_s`.
+    Workers of a `distributed.Client` hold the maps, in the order given. Maps that cannot be
+    opened, or fail later, are `missing`; the others answer. `sources` name the cameras, if there
+    are several, and `describe` is the maps' model, as in `Session`. FleetError if a fleet cannot
+    do what `config` requires, no map can be opened, or a question takes longer than `timeout_s`.
     """
 
     def __init__(
@@ -135,7 +137,7 @@ class Fleet:
 
     @property
     def missing(self) -> list[str]:
-        """Which maps do not answer, and why, a line each."""
+        """A line for each map that does not answer, with the reason."""
         return [*self._missing.values()]
 
     def _open(self) -> None:
@@ -143,24 +145,22 @@ class Fleet:
         for path in self.paths:
             names.append(str(path.resolve()))
             sizes.append(path.stat().st_size if path.is_file() else 1)
-        # Where none is up at this moment, whichever starts first gets them all.
+        # If no worker is up yet, the first to start gets all maps.
         addresses = sorted(self._client.scheduler_info(n_workers=-1)['workers']) or ['']
         self._workers = [
-            _Worker(self._client, some, where)
-            for some, where in zip(
-                _shared_out(names, sizes, len(addresses)), addresses, strict=False
-            )
-            if some
+            _Worker(self._client, paths, address)
+            for paths, address in zip(_runs(names, sizes, len(addresses)), addresses, strict=False)
+            if paths
         ]
         self._threads = ThreadPoolExecutor(max(1, len(self._workers)), 'fleet')
         abouts: dict[str, About] = {}
         for answer in self._ask_all('about', [()] * len(self._workers)):
-            found, lost = answer or ({}, {})
-            abouts |= found
+            opened, lost = answer or ({}, {})
+            abouts |= opened
             self._missing |= lost
         abouts = {path: abouts[path] for path in names if path in abouts}
         for name in [*abouts][1:]:
-            if reason := _unlike(abouts[name], next(iter(abouts.values()))):
+            if reason := _difference(abouts[name], next(iter(abouts.values()))):
                 self._missing[name] = f'{name}: {reason}'
                 del abouts[name]
         for name in [name for name, about in abouts.items() if not about.count]:
@@ -175,25 +175,25 @@ class Fleet:
         self._cameras = count()
         sums = np.asarray(sum(about.sums for about in abouts.values()))
         self._usual = usual_of(sums, self.count)
-        self.reference_map = self._made(abouts)
+        self.reference_map = self._joined(abouts)
 
-    def _made(self, abouts: Mapping[str, About]) -> ReferenceMap:
-        """Return the map that they make together; what is large is read from workers."""
+    def _joined(self, abouts: Mapping[str, About]) -> ReferenceMap:
+        """Return one map of all shards; cells and images are read from the workers."""
         first, sessions = next(iter(abouts.values())), list[MapSession]()
         places = Places(vector_length(first.encoding))
         for about in abouts.values():
             places.take(about.columns, len(sessions))
             sessions += about.sessions
-        made = ReferenceMap(
+        joined = ReferenceMap(
             first.encoding, places, self.pictures, first.keyframes, sessions=sessions
         )
         for path, about in abouts.items():
             for place, anchor in about.links:
-                made.links.add(self.offsets[path] + place, self.offsets[path] + anchor)
-        return made
+                joined.links.add(self.offsets[path] + place, self.offsets[path] + anchor)
+        return joined
 
     def scores(self, both: bool) -> FleetScores:
-        """Return what knows the coarse scores of one camera more."""
+        """Return the coarse scores of the next camera."""
         return FleetScores(self.ask, self._usual, both, next(self._cameras))
 
     def ask(self, question: Question) -> Answer:
@@ -201,69 +201,68 @@ class Fleet:
             {path: self.offsets[path] for path in worker.paths if path not in self._missing}
             for worker in self._workers
         ]
-        found = self._ask_all('answer', [(question, some) for some in offsets])
-        return merged(
-            [one for one, worker in zip(found, self._workers, strict=True) if not worker.problem],
-            question,
-        )
+        answers = self._ask_all('answer', [(question, by_path) for by_path in offsets])
+        pairs = zip(answers, self._workers, strict=True)
+        return merged([answer for answer, worker in pairs if not worker.problem], question)
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
-        """Return what is large of places; blank of a shard that is missing."""
-        paths, asked = [*self.offsets], dict[str, list[int]]()
+        """Return cells and images of places; blank ones if their shard is missing."""
+        paths, wanted = [*self.offsets], dict[str, list[int]]()
         for index in indices:
-            asked.setdefault(paths[bisect_right(self._starts, index) - 1], []).append(index)
+            wanted.setdefault(paths[bisect_right(self._starts, index) - 1], []).append(index)
         questions = list[tuple[_Worker, tuple[dict[str, list[int]], bool]]]()
         for worker in self._workers:
-            here = [path for path in worker.paths if path in asked]
-            if here:
-                own = {path: [one - self.offsets[path] for one in asked[path]] for path in here}
-                questions.append((worker, (own, with_images)))
+            held = [path for path in worker.paths if path in wanted]
+            if held:
+                local = {path: [at - self.offsets[path] for at in wanted[path]] for path in held}
+                questions.append((worker, (local, with_images)))
         replies = dict[str, list[Picture] | str]()
         for reply in self._ask_some('pictures', questions):
             replies |= reply or {}
-        found = dict[int, Picture]()
-        for path, some in asked.items():
+        pictures = dict[int, Picture]()
+        for path, places in wanted.items():
             reply = replies.get(path, f'{path}: its worker is gone')
             if isinstance(reply, str):
                 self._missing.setdefault(path, reply)
-                reply = [Picture(np.zeros(self.reference_map.cell_shape, np.float16))] * len(some)
-            found |= zip(some, reply, strict=True)
-        return [found[index] for index in indices]
+                blank = Picture(np.zeros(self.reference_map.cell_shape, np.float16))
+                reply = [blank] * len(places)
+            pictures |= zip(places, reply, strict=True)
+        return [pictures[index] for index in indices]
 
-    def _ask_all(self, method: str, what: Sequence[tuple[Any, ...]]) -> list[Any]:
-        return self._ask_some(method, [*zip(self._workers, what, strict=True)])
+    def _ask_all(self, method: str, arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
+        return self._ask_some(method, [*zip(self._workers, arguments, strict=True)])
 
     def _ask_some(
-        self, method: str, asked: Sequence[tuple[_Worker, tuple[Any, ...]]]
+        self, method: str, questions: Sequence[tuple[_Worker, tuple[Any, ...]]]
     ) -> list[Any]:
-        """Ask some workers at once; None for each that has died again and again."""
+        """Ask some workers in parallel; the answer is None if all tries of a worker died."""
         waiting = [
-            self._threads.submit(worker.ask, self.timeout_s, method, what)
-            for worker, what in asked
+            self._threads.submit(worker.ask, self.timeout_s, method, arguments)
+            for worker, arguments in questions
         ]
-        found = [one.result() for one in waiting]
-        for worker, _ in asked:
+        answers = [future.result() for future in waiting]
+        for worker, _ in questions:
             if worker.problem:
                 for path in worker.paths:
                     self._missing.setdefault(path, f'{path}: {worker.problem}')
-        return found
+        return answers
 
 
-def _unlike(one: About, first: About) -> str | None:
-    """Return why a map does not go together with the first, if so."""
-    if one.encoding != first.encoding:
-        return f'made with {one.encoding}, the first map with {first.encoding}'
-    if one.keyframes.spacing != first.keyframes.spacing:
-        own, other = one.keyframes.spacing, first.keyframes.spacing
-        return f'made with {own}, the first map with {other}'
+def _difference(about: About, first: About) -> str | None:
+    """Return why a map cannot be combined with the first; None if it can."""
+    if about.encoding != first.encoding:
+        return f'made with {about.encoding}, the first map with {first.encoding}'
+    if about.keyframes.spacing != first.keyframes.spacing:
+        spacing, first_spacing = about.keyframes.spacing, first.keyframes.spacing
+        return f'made with {spacing}, the first map with {first_spacing}'
     return None
 
 
-def _shared_out(names: Sequence[str], sizes: Sequence[int], shares: int) -> list[list[str]]:
-    """Return names in order in so many runs, about alike in size."""
-    runs: list[list[str]] = [[] for _ in range(max(1, shares))]
-    whole, passed = max(1, sum(sizes)), 0
+def _runs(names: Sequence[str], sizes: Sequence[int], count: int) -> list[list[str]]:
+    """Return names, in order, in `count` runs of similar size."""
+    runs: list[list[str]] = [[] for _ in range(max(1, count))]
+    total, passed = max(1, sum(sizes)), 0
     for name, size in zip(names, sizes, strict=True):
-        runs[min(len(runs) - 1, (passed + size // 2) * len(runs) // whole)].append(name)
+        runs[min(len(runs) - 1, (passed + size // 2) * len(runs) // total)].append(name)
         passed += size
     return runs

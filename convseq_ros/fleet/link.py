@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A robot's link to a fleet, which may be gone at any time: nobody waits for it."""
+"""A robot's link to a fleet, which may fail at any time without delaying the robot."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -19,24 +19,24 @@ from convseq_ros.fleet.cluster import checked_address, Cluster, connected
 from convseq_ros.fleet.fleet import Fleet
 from convseq_ros.onnx_model import open_model
 
-Tell = Callable[[Match, float, PlaceRecognizer], None]  # an answer and the milliseconds it took
+Publish = Callable[[Match, float, PlaceRecognizer], None]  # a match, its milliseconds, by whom
 
-_NAME = 'convseq_ros'  # of the data set in which a scheduler keeps the paths of its maps
-_AGAIN_S = 5.0  # after which a fleet that is gone is looked for again
+_NAME = 'convseq_ros'  # of the data set on a scheduler with the paths of its maps
+_AGAIN_S = 5.0  # after which a fleet that is gone is searched for again
 _MOST_WAITING = 10  # frames
 
 
 def serve(client: Any, paths: Sequence[Path]) -> None:
-    """Have a scheduler tell which maps it answers from; they are those of one fleet."""
+    """Publish on a scheduler which maps form its fleet."""
     client.publish_dataset([str(path.resolve()) for path in paths], name=_NAME, override=True)
 
 
 class FleetLink:
     """
-    Asks the fleet of a scheduler in a thread of its own, and looks for it again when it is gone.
+    Sends frames to a scheduler's fleet in a separate thread; reconnects when the fleet is gone.
 
-    `tell` gets each frame's answer in the link's thread; a question without an answer for
-    `timeout_s` has failed. `problem` says why the fleet does not answer; `answered` and `skipped`
+    `publish` receives each answer in the link's thread; a question without an answer within
+    `timeout_s` has failed. `problem` is why the fleet does not answer; `answered` and `skipped`
     count frames. FleetError if the address is not allowed.
     """
 
@@ -44,43 +44,43 @@ class FleetLink:
         self,
         cluster: Cluster,
         config: Config,
-        tell: Tell,
+        publish: Publish,
         timeout_s: float,
         sources: Sequence[str] = (),
     ) -> None:
         checked_address(cluster)
         self._sources = sources
         self.problem, self.answered, self.skipped = 'looking for it', 0, 0
-        self._cluster, self._tell, self._timeout_s = cluster, tell, timeout_s
+        self._cluster, self._publish, self._timeout_s = cluster, publish, timeout_s
         matching = replace(config.matching, search='shortlist')
         self._config = replace(
             config, matching=matching, online=replace(config.online, mode='preloaded')
         )
-        self._waiting, self._news, self._is_ending = deque[Frame](), Condition(), False
+        self._waiting, self._changed, self._is_ending = deque[Frame](), Condition(), False
         self._is_reset = False
         self._thread = Thread(target=self._run, name='fleet', daemon=True)
         self._thread.start()
 
     def put(self, frame: Frame) -> None:
-        """Have a frame asked; the oldest that waits is skipped if there are too many."""
-        with self._news:
+        """Queue a frame; the oldest is skipped if too many wait."""
+        with self._changed:
             self._waiting.append(frame)
             while len(self._waiting) > (0 if self.problem else _MOST_WAITING):
                 self._waiting.popleft()
                 self.skipped += 1
-            self._news.notify()
+            self._changed.notify()
 
     def reset(self) -> None:
-        """Have the drive begin anew."""
-        with self._news:
+        """Start a new drive."""
+        with self._changed:
             self._waiting.clear()
             self._is_reset = True
 
     def close(self, timeout_s: float = 1.0) -> None:
-        """Ask no more; a question that is under way is left alone."""
-        with self._news:
+        """End the thread; do not wait for a question that takes long."""
+        with self._changed:
             self._is_ending = True
-            self._news.notify()
+            self._changed.notify()
         self._thread.join(timeout_s)
 
     def _run(self) -> None:
@@ -92,12 +92,12 @@ class FleetLink:
             except ConvseqError as error:
                 self.problem = str(error)
             except Exception as error:
-                # Whatever breaks in a cluster that goes away; the robot goes on.
+                # A cluster that goes away may raise anything; the robot goes on.
                 self.problem = f'{type(error).__name__}: {error}'
-            with self._news:
+            with self._changed:
                 self.skipped += len(self._waiting)
                 self._waiting.clear()
-                self._news.wait_for(lambda: self._is_ending, _AGAIN_S)
+                self._changed.wait_for(lambda: self._is_ending, _AGAIN_S)
 
     def _opened(self, client: Any) -> Fleet:
         paths = client.get_dataset(_NAME, default=None)
@@ -115,8 +115,8 @@ class FleetLink:
         cameras = fleet.cameras
         self.problem = ''
         while True:
-            with self._news:
-                self._news.wait_for(lambda: self._is_ending or self._waiting)
+            with self._changed:
+                self._changed.wait_for(lambda: self._is_ending or self._waiting)
                 if self._is_ending:
                     return
                 frame = self._waiting.popleft()
@@ -128,4 +128,4 @@ class FleetLink:
             if len(fleet.missing) == len(fleet.paths):
                 raise FleetError(f'no map answers: {fleet.missing[0]}')
             self.answered += 1
-            self._tell(match, 1e3 * (time.perf_counter() - started), cameras.of(frame.source))
+            self._publish(match, 1e3 * (time.perf_counter() - started), cameras.of(frame.source))

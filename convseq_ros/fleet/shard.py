@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a worker does: it holds some maps, its shards, and answers for them together."""
+"""The worker's side: it holds some maps, its shards, and answers for them together."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,46 +17,46 @@ from convseq_ros.errors import MapError
 import numpy as np
 import numpy.typing as npt
 
-# Frames that a track can be made of anew: what came before counts .8**256 of a score, no bit.
+# Frames to rebuild a track from: earlier ones have the weight 0.8**256, less than a bit.
 KEPT = 256
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class About:
-    """What a fleet must know of a shard."""
+    """A shard's description for its fleet."""
 
     encoding: EncodingConfig
     keyframes: KeyframeConfig
     sessions: Sequence[MapSession]
     count: int
-    columns: Mapping[str, Any]  # of its places, as of `Places`
+    columns: Mapping[str, Any]  # of its places, as in `Places`
     links: Sequence[tuple[int, int]]  # places and their anchors
     sums: npt.NDArray[np.float64]  # of its global descriptors, (2, n)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Question:
-    """What is asked of every shard: which places the newest frame of a drive may show."""
+    """A question to every shard: which places the newest frame of a drive may show."""
 
     usual: Usual
-    both: bool  # directions of a drive along a map
+    both: bool  # whether drives may pass the map in both directions
     camera: int
     drive: int  # of the camera
-    frame: int  # how many of the drive there were
-    directions: Sequence[Floats]  # in which places lie like the last frames, the newest last
-    along: int  # places, by the drive so far
-    newest: int  # places, by the newest frame
-    passed: Sequence[range] = ()  # of the fleet's places
+    frame: int  # number of frames of the drive so far
+    directions: Sequence[Floats]  # of the last frames in descriptor space, the newest last
+    along: int  # number of places wanted by the drive so far
+    newest: int  # number of places wanted by the newest frame
+    passed: Sequence[range] = ()  # the fleet's places to leave out
 
 
-Best = tuple[Indices, Row]  # places of the fleet, and their scores, the best first; ties by number
-# Of some shards, by the drive so far, and by the newest frame; None if frames of the drive lack.
+Best = tuple[Indices, Row]  # places of the fleet and their scores, best first; ties by index
+# By the drive so far, and by the newest frame; None if a shard lacks frames of the drive.
 Answer = tuple[Best, Best] | None
 
 
 @dataclass(eq=False, slots=True)
-class Known:
-    """What a shard knows of a drive."""
+class DriveState:
+    """A shard's state of a drive."""
 
     drive: int
     track: Track
@@ -65,62 +65,61 @@ class Known:
 
 
 class Shard:
-    """One map; MapError if it cannot be opened, or is found damaged later."""
+    """One map; MapError if it cannot be opened, or turns out to be damaged later."""
 
     def __init__(self, path: Path) -> None:
         self._map = open_map(path)
         self._centred: Centred | None = None
-        self._known = dict[int, Known]()  # by camera
+        self._drives = dict[int, DriveState]()  # by camera
 
     def about(self) -> About:
-        own = self._map
-        settings = own.encoding, own.keyframes, tuple(own.sessions), len(own)
-        return About(
-            *settings, own.places.columns, tuple(own.links), sums_of(own.global_descriptors)
-        )
+        opened = self._map
+        settings = opened.encoding, opened.keyframes, tuple(opened.sessions), len(opened)
+        sums = sums_of(opened.global_descriptors)
+        return About(*settings, opened.places.columns, tuple(opened.links), sums)
 
     def answer(self, question: Question, offset: int) -> Answer:
-        """Answer of a map whose first place has a number in the fleet."""
-        if (known := self._followed(question)) is None:
+        """Answer for this map, whose first place has the index `offset` in the fleet."""
+        if (state := self._updated(question)) is None:
             return None
-        passed = [range(one.start - offset, one.stop - offset) for one in question.passed]
-        sums, row = known.track.sums, known.row
+        passed = [range(run.start - offset, run.stop - offset) for run in question.passed]
+        sums, row = state.track.sums, state.row
         along, newest = top(sums, question.along, passed), top(row, question.newest, passed)
         return (along + offset, sums[along]), (newest + offset, row[newest])
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         return self._map.pictures(indices, with_images)
 
-    def _followed(self, question: Question) -> Known | None:
-        """Return what is known of a drive up to its newest frame; None if frames lack."""
+    def _updated(self, question: Question) -> DriveState | None:
+        """Return the state of a drive after its newest frame; None if frames are missing."""
         references, starts = self._map.global_descriptors, self._map.bounds.starts
         centred = self._centred = self._centred or Centred(question.usual, references, starts)
-        known, told = self._known.get(question.camera), len(question.directions)
-        if known is None or known.drive != question.drive:
-            known = Known(question.drive, Track(question.both))
-        new = question.frame - known.frame
-        if new > told:
-            if told < min(question.frame, KEPT):
+        state, count = self._drives.get(question.camera), len(question.directions)
+        if state is None or state.drive != question.drive:
+            state = DriveState(question.drive, Track(question.both))
+        new = question.frame - state.frame
+        if new > count:
+            if count < min(question.frame, KEPT):
                 return None
-            known, new = Known(question.drive, Track(question.both)), told
-        for direction in question.directions[told - new :]:
-            known.row = centred.row(references, starts, direction)
-            known.track.update(known.row, starts)
-        known.frame = question.frame
-        self._known[question.camera] = known
-        return known
+            state, new = DriveState(question.drive, Track(question.both)), count
+        for direction in question.directions[count - new :]:
+            state.row = centred.row(references, starts, direction)
+            state.track.update(state.row, starts)
+        state.frame = question.frame
+        self._drives[question.camera] = state
+        return state
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Call:
-    """A method of a holder, and its arguments: one object, which Dask does not take to pieces."""
+    """A method of a holder and its arguments, in one object that Dask does not take apart."""
 
     method: str
-    what: tuple[Any, ...]
+    arguments: tuple[Any, ...]
 
 
 class Holder:
-    """The shards of one worker, some maps in the fleet's order; an actor of Dask."""
+    """The shards of one worker, in the fleet's order; an actor of Dask."""
 
     def __init__(self, paths: Sequence[str]) -> None:
         self._shards, self._lost = dict[str, Shard](), dict[str, str]()
@@ -131,38 +130,38 @@ class Holder:
                 self._lost[path] = str(error)
 
     def ask(self, call: Call) -> Any:
-        return getattr(self, call.method)(*call.what)
+        return getattr(self, call.method)(*call.arguments)
 
     def about(self) -> tuple[dict[str, About], dict[str, str]]:
         return {path: shard.about() for path, shard in self._shards.items()}, self._lost
 
     def answer(self, question: Question, offsets: Mapping[str, int]) -> Answer:
         """Answer for some of the maps together."""
-        there = [(self._shards[path], at) for path, at in offsets.items() if path in self._shards]
-        return merged([shard.answer(question, offset) for shard, offset in there], question)
+        held = [(self._shards[path], at) for path, at in offsets.items() if path in self._shards]
+        return merged([shard.answer(question, offset) for shard, offset in held], question)
 
     def pictures(
         self, wanted: Mapping[str, Sequence[int]], with_images: bool
     ) -> dict[str, list[Picture] | str]:
-        found = dict[str, list[Picture] | str]()
+        pictures = dict[str, list[Picture] | str]()
         for path, indices in wanted.items():
             try:
-                found[path] = self._shards[path].pictures(indices, with_images)
+                pictures[path] = self._shards[path].pictures(indices, with_images)
             except MapError as error:
-                found[path] = str(error)
-        return found
+                pictures[path] = str(error)
+        return pictures
 
 
 def merged(answers: Sequence[Answer], question: Question) -> Answer:
-    whole = [one for one in answers if one]
-    if len(whole) < len(answers):
+    complete = [answer for answer in answers if answer]
+    if len(complete) < len(answers):
         return None
-    along = _best([one for one, _ in whole], question.along)
-    return along, _best([one for _, one in whole], question.newest)
+    along = _best([best for best, _ in complete], question.along)
+    return along, _best([best for _, best in complete], question.newest)
 
 
 def _best(parts: Sequence[Best], count: int) -> Best:
-    places = np.concatenate([np.zeros(0, np.int64), *(one for one, _ in parts)])
-    scores = np.concatenate([np.zeros(0, np.float32), *(one for _, one in parts)])
+    places = np.concatenate([np.zeros(0, np.int64), *(indices for indices, _ in parts)])
+    scores = np.concatenate([np.zeros(0, np.float32), *(row for _, row in parts)])
     order = np.lexsort((places, -scores))[:count]
     return places[order], scores[order]

@@ -5,7 +5,7 @@
 import sys
 from typing import NoReturn
 
-from convseq_ros.process import run_node, stand
+from convseq_ros.process import end_on_signal, run_node
 
 _USAGE = """\
 usage: vpr_node [--ros-args [-p NAME:=VALUE]... [--params-file FILE] [-r image:=TOPIC]...]
@@ -21,11 +21,11 @@ Topics to remap: image, camera_info, odom. Parameters:
 
 def main() -> NoReturn:
     """Run the node; a signal ends it cleanly, also while it starts."""
-    stand(0)  # before anything else is imported
+    end_on_signal(0)  # before anything else is imported
     if {'-h', '--help'} & set(sys.argv[1:]):
         print(_help())
         sys.exit(0)
-    if sys.argv[1:] and sys.argv[1] != '--ros-args':  # ROS would pass over it without a word
+    if sys.argv[1:] and sys.argv[1] != '--ros-args':  # ROS would ignore it silently
         print(f'vpr_node: {sys.argv[1]}: parameters and remaps follow --ros-args', file=sys.stderr)
         sys.exit(2)
     from importlib.util import find_spec

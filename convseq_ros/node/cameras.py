@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The image topics of all cameras, raw or compressed, and the only camera if nobody named one."""
+"""The image topics of all cameras, raw or compressed; the only camera if no topic is given."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -17,14 +17,14 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 COMPRESSED = '/compressed'  # ends the name of the topic beside raw images
-QUEUE_BYTES = 256_000_000  # of images that wait, and as many again in the middleware
-_FEWEST = 2  # images that the middleware may hold, however large: one comes while one is taken
+QUEUE_BYTES = 256_000_000  # of waiting images; the middleware may hold as much again
+_FEWEST = 2  # images that the middleware may always hold: the next one arrives while one is taken
 _LOOK_S = 1.0
-_LOOKS = 2  # alike, one after another, before it is believed: who is there is learnt by and by
+_LOOKS = 2  # with the same result, in a row, before it is used: discovery takes time
 
 
 class ImageSubscription(FollowingSubscription):
-    """Hears a topic of images, which are compressed if its name ends in /compressed."""
+    """Subscribes to a topic of images, compressed if its name ends in /compressed."""
 
     def __init__(
         self,
@@ -45,9 +45,9 @@ class ImageSubscription(FollowingSubscription):
         self._on_image(RawMessage(0, type_name(self.kind), cdr), self.topic)
 
     def advice(self) -> str:
-        """Say why no images may come and what to do about it, in one line."""
+        """Return in one line why no images may arrive, and what to do about it."""
         publishers = self._node.get_publishers_info_by_topic(self.topic)
-        types = [one.topic_type for one in publishers]
+        types = [publisher.topic_type for publisher in publishers]
         if type_name(self.kind) in types:
             return f'{self.topic} has {len(types)} publisher(s), but none sends'
         if types:
@@ -56,29 +56,29 @@ class ImageSubscription(FollowingSubscription):
                 f'of {type_name(Image)}, or of {type_name(CompressedImage)} that ends in '
                 f'{COMPRESSED}'
             )
-        found = cameras(self._node)
-        names = ' or '.join(f'-r image:={topic}' for topic in found) or '-r image:=TOPIC'
+        topics = cameras(self._node)
+        names = ' or '.join(f'-r image:={topic}' for topic in topics) or '-r image:=TOPIC'
         return f'{self.topic} has no publisher; remap it to the topic of the camera: {names}'
 
 
 def image_subscriptions(
     node: ListeningNode, config: NodeConfig, on_image: Callable[[RawMessage, str], None]
 ) -> list[ImageSubscription]:
-    """Return one for each of `image_topics`, or one for `image`; ConfigError if one is twice."""
+    """Return one for each of `image_topics`, or one for `image`; ConfigError for repeated ones."""
     names = config.image_topics.split() or ['image']
     made = [ImageSubscription(node, config.queue_size, on_image, name) for name in names]
-    for topic, count in Counter(one.topic for one in made).items():
-        if count > 1:  # the map would get nothing
+    for topic, count in Counter(subscription.topic for subscription in made).items():
+        if count > 1:  # the map would get no places
             raise ConfigError(f'image_topics: {topic} is there twice; name each once')
     return made
 
 
 class TopicFinder:
     """
-    Looks for the topics of a camera as long as nothing is published on `image`, if not remapped.
+    Looks for a camera's topics while nothing is published on `image`, unless that is remapped.
 
-    Its description is the CameraInfo beside it, or the only one; odometry is the only one, too.
-    `follow` receives topics by what they are, 'image', 'camera_info' and 'odom'.
+    CameraInfo is the topic beside the images, or the only one; odometry is the only topic of it.
+    `follow` receives the topics by name: 'image', 'camera_info' and 'odom'.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class TopicFinder:
         self._follow = follow
         self._seen: list[str] = []
         self._looks = 0
-        self._told: list[str] = []
+        self._reported: list[str] = []
         self._default = f'{node.get_namespace().rstrip("/")}/image'
         if is_wanted and node.resolve_topic_name('image') == self._default:
             self._timer = steady_timer(node, _LOOK_S, self._look)
@@ -97,63 +97,63 @@ class TopicFinder:
         if self._node.count_publishers(self._default):
             self._looks = 0
             return
-        found = cameras(self._node)
-        self._looks = self._looks + 1 if found == self._seen else 1
-        self._seen = found
-        if not found or self._looks < _LOOKS:
+        topics = cameras(self._node)
+        self._looks = self._looks + 1 if topics == self._seen else 1
+        self._seen = topics
+        if not topics or self._looks < _LOOKS:
             return
-        if len(found) == 1:
+        if len(topics) == 1:
             self._node.destroy_timer(self._timer)
-            chosen = {'image': found[0], **_beside(self._node, found[0])}
-            names = ', '.join(f'{what} is {topic}' for what, topic in chosen.items())
+            chosen = {'image': topics[0], **_beside(self._node, topics[0])}
+            names = ', '.join(f'{name} is {topic}' for name, topic in chosen.items())
             self._node.get_logger().info(f'{names}: the only one; to choose, -r NAME:=TOPIC')
             self._follow(chosen)
-        elif found != self._told:
-            self._told = found
+        elif topics != self._reported:
+            self._reported = topics
             self._node.get_logger().warning(
-                f'{len(found)} camera topics; choose one:'
-                + ''.join(f'\n  -r image:={quote(topic)}' for topic in found)
+                f'{len(topics)} camera topics; choose one:'
+                + ''.join(f'\n  -r image:={quote(topic)}' for topic in topics)
             )
 
 
 def cameras(node: Node) -> list[str]:
-    """Return topics of images that others publish; raw ones stand for their compressed ones."""
+    """Return the image topics of other nodes; a compressed one only if there is no raw one."""
     raw = topics_of(node, Image)
-    compressed = topics_of(node, CompressedImage)
-    return sorted({*raw, *(one for one in compressed if one.removesuffix(COMPRESSED) not in raw)})
+    others = topics_of(node, CompressedImage)
+    return sorted({*raw, *(name for name in others if name.removesuffix(COMPRESSED) not in raw)})
 
 
 def topics_of(node: Node, *kinds: type) -> list[str]:
-    """Return topics of some types that others publish."""
+    """Return the topics of some types that other nodes publish."""
     names = {type_name(kind) for kind in kinds}
-    own = node.get_fully_qualified_name() + '/'
+    prefix = node.get_fully_qualified_name() + '/'
     return sorted(
         topic
         for topic, types in node.get_topic_names_and_types()
-        if names & {*types} and not topic.startswith(own) and node.count_publishers(topic)
+        if names & {*types} and not topic.startswith(prefix) and node.count_publishers(topic)
     )
 
 
 def camera_info_beside(image: str) -> str:
-    """Return the topic that describes a camera, by convention, given that of its images."""
+    """Return the conventional topic of a camera's CameraInfo, given that of its images."""
     return f'{image.removesuffix(COMPRESSED).rpartition("/")[0]}/camera_info'
 
 
 def _beside(node: Node, image: str) -> dict[str, str]:
-    """Return the camera's description and the odometry that there are, unless they are named."""
-    found = {}
+    """Return the topics of CameraInfo and odometry to use, unless they are remapped."""
+    chosen = {}
     infos, odometries = topics_of(node, CameraInfo), topics_of(node, Odometry)
-    own = camera_info_beside(image)
-    infos = [own] if own in infos else infos
-    for what, topics in (('camera_info', infos), ('odom', odometries)):
-        default = f'{node.get_namespace().rstrip("/")}/{what}'
-        if node.resolve_topic_name(what) != default or default in topics:
+    usual = camera_info_beside(image)
+    infos = [usual] if usual in infos else infos
+    for name, topics in (('camera_info', infos), ('odom', odometries)):
+        default = f'{node.get_namespace().rstrip("/")}/{name}'
+        if node.resolve_topic_name(name) != default or default in topics:
             continue
         if len(topics) == 1:
-            found[what] = topics[0]
+            chosen[name] = topics[0]
         elif topics:
             node.get_logger().warning(
-                f'{what}: {len(topics)} topics could be meant; to use one: '
-                + ' or '.join(f'-r {what}:={quote(topic)}' for topic in topics)
+                f'{name}: {len(topics)} topics could be meant; to use one: '
+                + ' or '.join(f'-r {name}:={quote(topic)}' for topic in topics)
             )
-    return found
+    return chosen

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Between the records of the core and ROS messages; pure functions."""
+"""Conversions from the records of the core to ROS messages; pure functions."""
 
 from array import array
 from collections.abc import Mapping, Sequence
@@ -60,7 +60,7 @@ def answer_message(
     frame_id: str,
     model_ms: float = 0.0,
 ) -> DiagnosticArray:
-    """Return the row of the result table, as names and values, with the ids of map and session."""
+    """Return a row of the result table as names and values, with the ids of map and session."""
     values = {**row(match, duration_ms), 'map_id': reference_map.map_id}
     if reference_map.encoding.descriptor_model:
         values['model_ms'] = round(model_ms, 3)
@@ -167,7 +167,7 @@ def cloud_message(rows: npt.NDArray[np.void], header: Header, is_dense: bool) ->
 
 @cache
 def cloud_fields(row: np.dtype[np.void]) -> list[PointField]:
-    """Return how the points of a message describe themselves."""
+    """Return the fields of the points of a message."""
     fields = []
     for name, (kind, offset, *_) in (row.fields or {}).items():
         datatype, count = _FIELD_TYPES[kind.base.str[1:]], math.prod(kind.shape)
@@ -187,10 +187,10 @@ LAYOUT = 1  # of the fields below; it changes when one goes or means something e
 # Fields of 8 bytes come first, then those of 4: each lies where its type wants it.
 CLOSURE = np.dtype(
     [
-        # Of the query's base in the reference's base frame, metres; NaN where not measured.
+        # Pose of the query's base in the reference's base frame, metres; NaN if not measured.
         *((name, '<f8') for name in ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')),
         ('direction', '<f8', 3),  # of the position, unit vector, also where its length is unknown
-        # Of x, y, z and turns about these axes, row by row; 1e6 where not measured.
+        # Of x, y, z and turns about these axes, row by row; 1e6 if not measured.
         ('covariance', '<f8', 36),
         ('layout', '<u4'),
         ('query_sec', '<i4'),
@@ -201,15 +201,15 @@ CLOSURE = np.dtype(
         ('reference_id', '<u4'),  # index of the place in the map
         ('session', '<u4'),  # number of the place's session in the map, from 0
         ('confidence', '<f4'),  # probability in [0, 1] that the place is right; NaN if unknown
-        ('inliers', '<u4'),  # correspondences that agree with the pose, or moved alike
+        ('inliers', '<u4'),  # correspondences that agree with the pose, or moved together
         ('map_id', '<u1', 16),  # the bytes of UUIDs
         ('reference_session', '<u1', 16),
-        ('query_session', '<u1', 16),  # zero if this drive is no part of the map
+        ('query_session', '<u1', 16),  # zero if this drive is not in the map
     ]
 )
 """The one row of `~/closure`."""
 
-_NOTHING = UUID(int=0)
+_NO_ID = UUID(int=0)
 
 
 def closure_message(
@@ -256,9 +256,9 @@ def _write_pose(row: npt.NDArray[np.void], measured: RelativePose | None) -> Non
 
 
 def _bytes(ident: str) -> npt.NDArray[np.uint8]:
-    """Return the bytes of a UUID; zeros if it is none."""
+    """Return the bytes of a UUID; zeros if the text is not one."""
     try:
-        made = UUID(ident)
+        uuid = UUID(ident)
     except ValueError:
-        made = _NOTHING
-    return np.frombuffer(made.bytes, np.uint8)
+        uuid = _NO_ID
+    return np.frombuffer(uuid.bytes, np.uint8)

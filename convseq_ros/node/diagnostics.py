@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the node counts about itself, and how it is, on /diagnostics and in its log."""
+"""The node's counters and state, on /diagnostics and in its log."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -18,7 +18,7 @@ from rclpy.node import Node
 _SILENCE_S = 3.0
 _LOG_PERIOD_S = 10.0
 _LOOK_S = 1.0
-_TELL_S, _WARN_S = 10.0, 5.0
+_LOG_S, _WARN_S = 10.0, 5.0
 _REMEDIES = {
     'queue_size': 'found the queue full (queue_size)',
     'memory': 'found no memory left for the queue (256 MB)',
@@ -35,12 +35,12 @@ class Statistics:
     processed: int = 0  # frames that got an answer
     unreadable: int = 0  # frames that could not be decoded
     failed: int = 0  # frames that got no answer because of an error
-    unkept: int = 0  # times that what a map gained could not be written to its file
+    write_failures: int = 0  # times that new places could not be written to the map file
     # Monotonic time of the last message, or of the start.
     last_arrival_ns: int = field(default_factory=time.monotonic_ns)
     last_match: Match | None = None
     latency_ms: float = 0.0  # of the last frame, from its arrival to its answer
-    duration_ms: float = 0.0  # of the last frame, the work alone
+    duration_ms: float = 0.0  # of the last frame, without waiting
     busy_ms: float = 0.0  # the work on all frames together
     reasons: Counter[str] = field(default_factory=Counter)
 
@@ -59,7 +59,7 @@ class Statistics:
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What the node knows about itself besides its counts."""
+    """The state of the node, besides its counters."""
 
     ready: bool  # False while it warms up
     enabled: bool  # False if frames are ignored on purpose
@@ -67,8 +67,8 @@ class Situation:
     topic: str  # of the camera
     dropped: int  # frames pushed out of the queue
     odometry_heard: bool
-    further: Mapping[str, int | bool]  # what else /diagnostics says, by its names there
-    fleet: FleetLink | None = None  # what asks other maps as well
+    further: Mapping[str, int | bool]  # other values on /diagnostics, by name
+    fleet: FleetLink | None = None  # searches other maps as well
     model_problem: str = ''  # why the map's descriptor_model is not used, if it failed
 
     @property
@@ -78,17 +78,17 @@ class Situation:
 
 @dataclass(eq=False)
 class Diagnostics:
-    """Publishes a status at a steady pace, whatever the node's clock does."""
+    """Publishes a status periodically, independent of the node's clock."""
 
     node: Node
     statistics: Statistics
-    situation: Callable[[], Situation]  # how the node is
-    advice: Callable[[], str]  # why no images may come
+    situation: Callable[[], Situation]  # returns the node's state
+    advice: Callable[[], str]  # returns why no images may arrive
     period_s: float
 
     def __post_init__(self) -> None:
         self._last = (time.monotonic_ns(), 0, 0, 0)
-        self._unkept = 0
+        self._write_failures = 0
         self._publisher = advertise(self.node, DiagnosticArray, '/diagnostics')
         self._timer = steady_timer(self.node, self.period_s, self._publish)
 
@@ -122,9 +122,9 @@ class Diagnostics:
             )
         if not situation.enabled:
             return DiagnosticStatus.OK, 'disabled'
-        if self._cannot_keep(situation):
+        if self._is_failing(situation):
             return DiagnosticStatus.ERROR, (
-                f'{situation.session.path}: what the map gains cannot be written; see the log'
+                f'{situation.session.path}: new places cannot be written; see the log'
             )
         if silence:
             return DiagnosticStatus.WARN, silence
@@ -144,14 +144,14 @@ class Diagnostics:
             )
         if situation.fleet and situation.fleet.problem:
             return DiagnosticStatus.WARN, (
-                f'the fleet does not answer, the own map does: {situation.fleet.problem}'
+                f"the fleet does not answer, only the node's map does: {situation.fleet.problem}"
             )
         if problem := situation.session.recognizer.reference_map.unreadable_why:
             return DiagnosticStatus.WARN, f'{problem}; its poses are less exact'
         if situation.session.keyframes_m and not situation.odometry_heard:
             return DiagnosticStatus.WARN, (
                 f'the map has a place every {situation.session.keyframes_m:g} m, but there is no '
-                'odometry by which to look as often; remap it: -r odom:=TOPIC'
+                'odometry to match frames as often; remap it: -r odom:=TOPIC'
             )
         if situation.session.is_growing:
             return DiagnosticStatus.OK, 'recognising places and adding to them'
@@ -161,13 +161,13 @@ class Diagnostics:
         names = self.node.get_node_names_and_namespaces()
         return names.count((self.node.get_name(), self.node.get_namespace())) > 1
 
-    def _cannot_keep(self, situation: Situation) -> bool:
-        """Return whether what the map gains is not written, or what another one had gained."""
-        before, self._unkept = self._unkept, self.statistics.unkept
-        return self._unkept > before or situation.session.autosave.is_failing
+    def _is_failing(self, situation: Situation) -> bool:
+        """Return whether new places cannot be written to this map, or to the one before it."""
+        before, self._write_failures = self._write_failures, self.statistics.write_failures
+        return self._write_failures > before or situation.session.autosave.is_failing
 
     def _silence(self, situation: Situation) -> str:
-        """Return, and log now and then, why no images come; empty if they do."""
+        """Return why no images arrive, and log it now and then; empty if they do."""
         silent_s = (time.monotonic_ns() - self.statistics.last_arrival_ns) / 1e9
         if silent_s < _SILENCE_S or not situation.enabled:
             return ''
@@ -178,7 +178,7 @@ class Diagnostics:
 
 def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
     match, session = statistics.last_match, situation.session
-    known = session.cameras.localization
+    localization = session.cameras.localization
     state = 'enabled' if situation.enabled else 'disabled'
     values: dict[str, object] = {
         'state': state if situation.ready else 'warming_up',
@@ -197,8 +197,8 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'last_reason': match.reason.value if match else '',
         'last_sequence_length': match.sequence_length if match else 0,
         'last_score': match.best.score if match and match.best else 0.0,
-        'localization': known.state.value,
-        'localization_quality': '' if known.quality is None else known.quality,
+        'localization': localization.state.value,
+        'localization_quality': '' if localization.quality is None else localization.quality,
         'map_path': session.path or '',
         'map_size': situation.map_size,
         'kept_images_unreadable': session.recognizer.reference_map.unreadable,
@@ -215,17 +215,17 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         values |= {
             'places_added': session.added,
             'places_kept': session.autosave.committed,
-            'map_write_failures': statistics.unkept,
+            'map_write_failures': statistics.write_failures,
         }
         if session.autosave.committed_s is not None:
             values['since_last_commit_s'] = time.monotonic() - session.autosave.committed_s
-    # A copy, because the worker's thread adds to it.
+    # A copy, because the worker's thread changes the original.
     counts = statistics.reasons.copy()
     return values | {f'reason_{reason}': counts[reason] for reason in sorted(counts)}
 
 
 class ProgressLog:
-    """Logs every 10 s and at the end what was done, and every 5 s what was dropped, by cause."""
+    """Logs a summary every 10 s and at the end, and dropped frames by cause every 5 s."""
 
     def __init__(
         self, node: Node, statistics: Statistics, drops: Callable[[], Mapping[str, int]]
@@ -233,13 +233,13 @@ class ProgressLog:
         self._logger = node.get_logger()
         self._statistics = statistics
         self._drops = drops
-        self._told = self._warned = time.monotonic()
+        self._logged = self._warned = time.monotonic()
         self._before = self._counts()
         self._dropped_before: Counter[str] = Counter()
         self._timer = steady_timer(node, _LOOK_S, self._look)
 
     def finish(self) -> None:
-        """Say what was done since the start, if anything was."""
+        """Log a summary since the start, if any message arrived."""
         self._warn()
         if self._statistics.received:
             self._logger.info(f'at the end: {self._summary((0, 0, 0, 0.0))}')
@@ -248,14 +248,14 @@ class ProgressLog:
         now = time.monotonic()
         if now - self._warned >= _WARN_S or not self._dropped_before:
             self._warn()
-        if now - self._told >= _TELL_S:
+        if now - self._logged >= _LOG_S:
             if self._statistics.received > self._before[0]:
-                self._logger.info(f'in {now - self._told:.0f} s: {self._summary(self._before)}')
-            self._told, self._before = now, self._counts()
+                self._logger.info(f'in {now - self._logged:.0f} s: {self._summary(self._before)}')
+            self._logged, self._before = now, self._counts()
 
     def _counts(self) -> tuple[int, int, int, float]:
-        known = self._statistics
-        return known.received, known.processed, known.reasons['accepted'], known.busy_ms
+        now = self._statistics
+        return now.received, now.processed, now.reasons['accepted'], now.busy_ms
 
     def _summary(self, before: tuple[int, int, int, float]) -> str:
         now = self._counts()

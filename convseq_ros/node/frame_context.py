@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What other topics report of an image: where it was taken, how deep, and by which camera."""
+"""Data from other topics for an image: its pose, its depth and its camera."""
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -35,7 +35,7 @@ _LOG_PERIOD_S = 10.0
 
 
 class Waiting:
-    """Has an image wait for a message of its moment; not if three have waited in vain."""
+    """Makes an image wait for another topic's message, unless three have waited in vain."""
 
     def __init__(self, wait_s: float) -> None:
         self.wait_s = wait_s
@@ -43,22 +43,22 @@ class Waiting:
         self._in_vain = 0
 
     def until(self, has_come: Callable[[], bool]) -> None:
-        """Wait, while `changed` is held, until a message has come, or not longer than allowed."""
+        """Wait until a message has come, at most `wait_s`; the caller holds `changed`."""
         if self._in_vain < _VAIN_WAITS and not self.changed.wait_for(has_come, self.wait_s):
             self._in_vain += 1
 
     def came(self) -> None:
-        """Have those look that wait, while `changed` is held."""
+        """Wake up an image that waits; the caller holds `changed`."""
         self._in_vain = 0
         self.changed.notify()
 
 
 class Odometry:
     """
-    Listens to `odom` and returns the pose at the stamp of an image; counts those without.
+    Listens to `odom`, returns the pose at the stamp of an image, and counts images without.
 
-    An image often comes before the odometry of its moment, and waits for it: a pose between two of
-    the odometry is what an offline run finds, one that is extrapolated is a guess.
+    An image often arrives before the odometry of its time, and waits for it: a pose interpolated
+    between two messages is the same as offline, an extrapolated one is a guess.
     """
 
     def __init__(self, node: ListeningNode, wait_s: float) -> None:
@@ -119,7 +119,7 @@ class Odometry:
 
 
 class DepthImages:
-    """Listens to depth images, if there is a topic; counts what is unreadable or missing."""
+    """Listens to depth images, if a topic is given; counts unreadable and missing ones."""
 
     def __init__(
         self, node: ListeningNode, topic: str, wait_s: float, reading: ReadingConfig
@@ -138,12 +138,12 @@ class DepthImages:
             if not self._newest:
                 return None
             self.waiting.until(lambda: self._newest[-1][0] >= stamp_ns)
-            found = nearest(self._newest, stamp_ns)
-        if found is None:
+            message = nearest(self._newest, stamp_ns)
+        if message is None:
             self.missing += 1
             return None
         try:
-            return decode_depth(found.image(), self._reading)
+            return decode_depth(message.image(), self._reading)
         except ImageError as error:
             self.unreadable += 1
             line = f'{self._topic}: {error}; its frame has no depth'
@@ -179,7 +179,7 @@ class FrameContext:
         self.camera = next(iter(self._cameras.values()))
 
     def follow(self, topics: Mapping[str, str]) -> None:
-        """Listen to other topics instead, those of 'odom' and 'camera_info' that are given."""
+        """Listen to other topics instead, if 'odom' or 'camera_info' are given."""
         if 'odom' in topics:
             self.odometry.follow(topics['odom'])
         if 'camera_info' in topics:
@@ -191,8 +191,8 @@ class FrameContext:
 
     def depth_at(self, topic: str, stamp_ns: int) -> Depth | None:
         """Return the depth image of an image of a topic; may wait for it."""
-        is_own = self._cameras.get(topic, self.camera) is self.camera
-        return self.depth.at(stamp_ns) if is_own else None
+        is_first = self._cameras.get(topic, self.camera) is self.camera
+        return self.depth.at(stamp_ns) if is_first else None
 
     def camera_for(self, topic: str, height: int, width: int) -> Camera | None:
         """Return the camera that takes the images of a topic, of a size in pixels."""
@@ -200,7 +200,7 @@ class FrameContext:
 
 
 class CameraDescription:
-    """Listens to a topic of camera_info; the last message holds. `mount` knows its frame."""
+    """Listens to camera_info and keeps the last message; `mount` returns the camera's pose."""
 
     def __init__(self, node: ListeningNode, mount: 'Mount', topic: str = 'camera_info') -> None:
         self._camera: Camera | None = None
@@ -212,11 +212,11 @@ class CameraDescription:
         self.follow = self._subscription.move
 
     @property
-    def known(self) -> bool:
+    def is_calibrated(self) -> bool:
         return self._camera is not None
 
     def for_image(self, height: int, width: int) -> Camera | None:
-        """Return the camera as it describes images of a size, in pixels; None if unknown."""
+        """Return the camera for images of a size in pixels; None if it is not calibrated."""
         if (camera := self._camera) is None:
             return None
         return replace(fitted(camera, height, width), mount=self._mount.of(self._frame_id))
@@ -231,11 +231,11 @@ class CameraDescription:
 
 
 class Mount:
-    """Asks TF where cameras are, where tf2_ros is installed: each once, for it is fixed."""
+    """Poses of cameras on the robot, by TF if tf2_ros is installed; each is looked up once."""
 
     def __init__(self, node: Node, base_frame: str) -> None:
         self._logger, self._base_frame = node.get_logger(), base_frame
-        self._found: dict[str, Pose] = {}
+        self._poses: dict[str, Pose] = {}
         self._buffer: Any = None
         try:
             from tf2_ros import Buffer, TransformListener
@@ -245,17 +245,17 @@ class Mount:
         self._listener = TransformListener(self._buffer, node)
 
     def of(self, optical_frame: str) -> Pose | None:
-        """Return where the camera of a frame (z along the lens) is, x along the lens, if known."""
-        if optical_frame not in self._found and self._buffer and optical_frame:
+        """Return the pose of an optical frame, turned to x along the lens; None if unknown."""
+        if optical_frame not in self._poses and self._buffer and optical_frame:
             frames = self._base_frame, optical_frame, Time()
             if self._buffer.can_transform(*frames):
-                found = self._buffer.lookup_transform(*frames).transform
-                where = {'position': found.translation, 'orientation': found.rotation}
-                lens = pose_from_message(SimpleNamespace(**where))
+                transform = self._buffer.lookup_transform(*frames).transform
+                parts = {'position': transform.translation, 'orientation': transform.rotation}
+                lens = pose_from_message(SimpleNamespace(**parts))
                 if lens is not None:
-                    self._found[optical_frame] = pose_of(matrix(lens) @ inverse(ROBOT_LENS))
-                    position = self._found[optical_frame].position
+                    self._poses[optical_frame] = pose_of(matrix(lens) @ inverse(ROBOT_LENS))
+                    position = self._poses[optical_frame].position
                     self._logger.info(
                         f'{optical_frame} is at {position} m in {self._base_frame}, by TF'
                     )
-        return self._found.get(optical_frame)
+        return self._poses.get(optical_frame)

@@ -15,24 +15,24 @@ _DONE, _REFUSED = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAI
 
 class ManagedNode(LifecycleNodeMixin, ListeningNode):
     """
-    A plain node until `manage` is called; from then on its transitions call these.
+    A plain node until `manage` is called; from then on its transitions call methods of it.
 
-    configure: `open_work`, and what it makes is destroyed by cleanup; activate: `listen`;
-    deactivate: `pause`; cleanup and shutdown: `close_work`.
+    Configure calls `open_work`, activate `listen`, deactivate `pause`, cleanup and shutdown
+    `close_work`. Cleanup also destroys the topics and services that `open_work` has made.
     """
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         ListeningNode.__init__(self, name, **kwargs)
-        self._own: frozenset[Any] | None = None
+        self._permanent: frozenset[Any] | None = None
 
     def open_work(self) -> None:
         """Open files and make topics and services; ConvseqError or OSError if that fails."""
 
     def listen(self) -> None:
-        """Take in images from now on."""
+        """Receive images from now on."""
 
     def pause(self) -> None:
-        """Take in none, and keep what was seen."""
+        """Receive no more images, and keep the state."""
 
     def close_work(self) -> None:
         """Finish the work at hand and close the files."""
@@ -47,12 +47,12 @@ class ManagedNode(LifecycleNodeMixin, ListeningNode):
         self.__dict__.pop('_state_machine', None)
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        self._own = frozenset(chain.from_iterable(self._made().values()))
+        self._permanent = frozenset(chain.from_iterable(self._entities().values()))
         try:
             self.open_work()
         except (ConvseqError, OSError) as error:
             self.get_logger().error(str(error))
-            self._let_go()
+            self._destroy_new()
             return _REFUSED
         return _DONE
 
@@ -66,12 +66,12 @@ class ManagedNode(LifecycleNodeMixin, ListeningNode):
 
     def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
         self.close_work()
-        self._let_go()
+        self._destroy_new()
         return _DONE
 
     on_shutdown = on_error = on_cleanup  # type: ignore[assignment]
 
-    # rclpy's own lets the error of a transition that is not possible end the executor.
+    # In rclpy's version, the error of an impossible transition ends the executor.
     def _LifecycleNodeMixin__change_state(self, number: int) -> TransitionCallbackReturn:
         try:
             change: Any = LifecycleNodeMixin.__dict__['_LifecycleNodeMixin__change_state']
@@ -80,8 +80,8 @@ class ManagedNode(LifecycleNodeMixin, ListeningNode):
             self.get_logger().warning(f'transition {number} is not possible now: {error}')
             return _REFUSED
 
-    def _made(self) -> dict[Callable[[Any], bool], list[Any]]:
-        """Return what the node has on the graph, by what destroys it."""
+    def _entities(self) -> dict[Callable[[Any], bool], list[Any]]:
+        """Return the node's entities on the graph, by the function that destroys them."""
         return {
             self.destroy_subscription: [*self.subscriptions],
             self.destroy_publisher: [*self.publishers],
@@ -90,12 +90,12 @@ class ManagedNode(LifecycleNodeMixin, ListeningNode):
             self.destroy_guard_condition: [*self.guards],
         }
 
-    def _let_go(self) -> None:
-        """Destroy what was made since `configure` began."""
-        if self._own is None:
+    def _destroy_new(self) -> None:
+        """Destroy the entities that were made since `configure` began."""
+        if self._permanent is None:
             return
-        for destroy, made in self._made().items():
-            for one in made:
-                if one not in self._own:
-                    destroy(one)
-        self._own = None
+        for destroy, entities in self._entities().items():
+            for entity in entities:
+                if entity not in self._permanent:
+                    destroy(entity)
+        self._permanent = None

@@ -16,13 +16,13 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-_LOOK_UP_NS = 200_000_000
+_WAIT_NS = 200_000_000
 _END_S = 1.0
 _LOG_PERIOD_S = 5.0
 
 
 class NotExecuted(CallbackGroup):
-    """Has an executor leave alone what is in this group."""
+    """A callback group that an executor leaves alone."""
 
     def can_execute(self, _entity: Any) -> bool:
         return False
@@ -30,38 +30,38 @@ class NotExecuted(CallbackGroup):
 
 class Listener:
     """
-    Calls back with the messages and the events of subscriptions, in a thread of its own.
+    Calls the callbacks of subscriptions, and of their events, in a separate thread.
 
-    For each message an executor of rclpy goes twice through all that the node has, some 30
-    services, timers and events, which takes longer than the rest of an image that is no keyframe.
-    Here only the subscriptions are waited for; `group` must be their callback group.
+    For each message an executor of rclpy checks all services, timers and events of the node twice,
+    some 30 of them. That takes longer than the work on an image that is not a keyframe. Here the
+    thread waits for the subscriptions only; `group` must be their callback group.
     """
 
     def __init__(self, node: Node) -> None:
         self.group = NotExecuted()
         self._node, self._ended = node, False
-        self._heard: tuple[Subscription, ...] = ()
+        self._subscriptions: tuple[Subscription, ...] = ()
         self._changing = threading.Lock()
         self._changed = GuardCondition(None, None, node.context)
         self._thread = threading.Thread(target=self._run, name='listener', daemon=True)
 
     def add(self, subscription: Subscription) -> None:
-        """Call back with its messages from now on."""
+        """Start calling back with its messages."""
         with self._changing:
-            self._heard = *self._heard, subscription
+            self._subscriptions = *self._subscriptions, subscription
             if self._thread.ident is None:
                 self._thread.start()
         self._changed.trigger()
 
     def discard(self, subscription: Subscription) -> None:
-        """Call back with its messages no more, but for one that is being taken."""
+        """Stop calling back with its messages, except for one that is being taken."""
         with self._changing:
-            self._heard = tuple(one for one in self._heard if one is not subscription)
+            self._subscriptions = tuple(s for s in self._subscriptions if s is not subscription)
         if not self._ended:
             self._changed.trigger()
 
     def close(self) -> None:
-        """End the thread, unless a callback calls this or goes on for a second."""
+        """End the thread; do not wait if a callback calls this, and at most a second otherwise."""
         if not self._ended:
             self._ended = True
             self._changed.trigger()
@@ -72,40 +72,40 @@ class Listener:
     def _run(self) -> None:
         while not self._ended and self._node.context.ok():
             with ExitStack() as used, suppress(InvalidHandle):
-                self._take_turns(self._heard, used)
+                self._serve(self._subscriptions, used)
 
-    def _take_turns(self, heard: tuple[Subscription, ...], used: ExitStack) -> None:
-        """Call back with what comes until other subscriptions are heard."""
+    def _serve(self, subscriptions: tuple[Subscription, ...], used: ExitStack) -> None:
+        """Call back with messages and events until the subscriptions change."""
         context, changed = self._node.context.handle, self._changed.handle
         events = list[EventHandler]()
-        for one in heard:
-            events += cast(list[EventHandler], one.event_handlers)  # rclpy says that it is one
-        for one in (context, changed, *(one.handle for one in heard), *events):
-            used.enter_context(one)
-        waiting = rcl.WaitSet(len(heard), 1, 0, 0, 0, len(events), context)
-        while self._heard is heard and not self._ended and self._node.context.ok():
+        for item in subscriptions:
+            events += cast(list[EventHandler], item.event_handlers)  # rclpy types it as one event
+        for handle in (context, changed, *(item.handle for item in subscriptions), *events):
+            used.enter_context(handle)
+        waiting = rcl.WaitSet(len(subscriptions), 1, 0, 0, 0, len(events), context)
+        while self._subscriptions is subscriptions and not self._ended and self._node.context.ok():
             waiting.clear_entities()
             waiting.add_guard_condition(changed)
-            for subscription in heard:
+            for subscription in subscriptions:
                 waiting.add_subscription(subscription.handle)
             for event in events:
                 event.add_to_wait_set(waiting)
-            waiting.wait(_LOOK_UP_NS)
+            waiting.wait(_WAIT_NS)
             for event in events:
                 if event.is_ready(waiting) and (happened := event.take_data()):
                     self._call(event.callback, happened)
             ready = waiting.get_ready_entities('subscription')
-            for subscription in heard:
+            for subscription in subscriptions:
                 kind, taker = subscription.msg_type, subscription.handle
                 if taker.pointer in ready and (
                     taken := taker.take_message(kind, subscription.raw)
                 ):
                     self._call(subscription.callback, *taken)
 
-    def _call(self, callback: Callable[..., None], *given: Any) -> None:
-        """Call back; an error is logged, and the next message comes."""
+    def _call(self, callback: Callable[..., None], *arguments: Any) -> None:
+        """Call a callback; log its error, so that the next message is handled."""
         try:
-            callback(*given)
+            callback(*arguments)
         except Exception as error:
             if self._node.context.ok():
                 logger = self._node.get_logger()

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the robot is: the state, the service that asks for it, and the pose to start from."""
+"""The localisation of the robot: its state, the service `~/localize`, and the initial pose."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,19 +20,19 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-_MOST_CALLS = 100  # that wait at a time, each for some 20 us a turn
+_MOST_CALLS = 100  # waiting at a time; each takes some 20 us per turn
 _LOCALISED = LocalizationState.LOCALISED
 _UNMEASURED = 'it is measured with the next match that is accepted'
 
 
 @dataclass(frozen=True, slots=True)
-class _Known:
-    """What is known after a frame."""
+class _State:
+    """The localisation after a frame."""
 
     frame: int  # its number
     localization: Localization
-    estimate: PoseEstimate | None  # where the camera was when a place was recognised last
-    remark: str  # on that pose, or why there is none
+    estimate: PoseEstimate | None  # pose of the camera at the last accepted match
+    remark: str  # about that pose, or why there is none
 
 
 @dataclass(eq=False)
@@ -41,41 +41,41 @@ class LocalizationTopics:
 
     node: Node
     config: NodeConfig  # may be replaced
-    situation: Callable[[], Situation]  # how the node is
-    advice: Callable[[], str]  # why no images may come
+    situation: Callable[[], Situation]  # returns the node's state
+    advice: Callable[[], str]  # returns why no images may arrive
 
     def __post_init__(self) -> None:
-        self._known = _Known(0, Localization(), None, _UNMEASURED)
+        self._state = _State(0, Localization(), None, _UNMEASURED)
         self._given_up = False
-        self._owes = False  # an initial pose, from when it is localised until a match is accepted
+        self._is_pose_due = False  # from localised until a match is accepted
         self._waiting = 0  # calls
-        self._state = advertise(self.node, DiagnosticStatus, '~/localization', LATCHED)
+        self._publisher = advertise(self.node, DiagnosticStatus, '~/localization', LATCHED)
         self._initial_pose = None
         if self.config.publish_initial_pose:
             kind = PoseWithCovarianceStamped
             self._initial_pose = advertise(self.node, kind, 'initialpose', LATCHED)
-        # Several may ask at once; images and other services are served meanwhile.
+        # Several calls may wait at once, while images and other services are served.
         offer = partial(self.node.create_service, callback_group=ReentrantCallbackGroup())
         offer(Trigger, '~/localize', self._on_localize, qos_profile=SERVICE_QOS)
         self._publish(Localization())
 
     def update(self, match: Match, estimate: PoseEstimate | None) -> None:
         """Take in the answer to a frame, with its pose if there is one."""
-        now, before = match.localization or Localization(), self._known
-        is_found = now.state is _LOCALISED
+        now, before = match.localization or Localization(), self._state
+        is_localised = now.state is _LOCALISED
         if match.accepted:
             remark = _remark(match, estimate)
         elif now.state is LocalizationState.LOST:
             estimate, remark = None, _UNMEASURED
         else:
             estimate, remark = before.estimate, before.remark
-        self._known = _Known(before.frame + 1, now, estimate, remark)
+        self._state = _State(before.frame + 1, now, estimate, remark)
         is_new = now.state is not before.localization.state
         if is_new:
             self._publish(now)
-        self._owes = is_found and (is_new or self._owes)
-        if self._owes and self._initial_pose and match.accepted:
-            self._owes = False
+        self._is_pose_due = is_localised and (is_new or self._is_pose_due)
+        if self._is_pose_due and self._initial_pose and match.accepted:
+            self._is_pose_due = False
             self._announce(match, estimate, remark)
 
     def give_up(self) -> None:
@@ -89,7 +89,7 @@ class LocalizationTopics:
         if now.reference_index is not None:
             values['reference_index'] = now.reference_index
         name = self.node.get_fully_qualified_name().lstrip('/')
-        self._state.publish(status_message(level, name, now.state.value, values))
+        self._publisher.publish(status_message(level, name, now.state.value, values))
 
     def _announce(self, match: Match, estimate: PoseEstimate | None, remark: str) -> None:
         if estimate and self._initial_pose:
@@ -100,8 +100,8 @@ class LocalizationTopics:
     async def _on_localize(
         self, _request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        """Wait for a frame after which it is known where the robot is; or say why it is not."""
-        begun, until_s = self._known.frame, time.monotonic() + self.config.localize_timeout_s
+        """Wait for a frame that localises the robot; answer why not if none does in time."""
+        begun, until_s = self._state.frame, time.monotonic() + self.config.localize_timeout_s
         self._waiting += 1
         try:
             while (answer := self._answer(begun, time.monotonic() >= until_s)) is None:
@@ -112,20 +112,20 @@ class LocalizationTopics:
         return response
 
     def _answer(self, begun: int, is_late: bool) -> tuple[bool, str] | None:
-        """Return what is to be said to a call that came after a frame; None to wait on."""
-        known = self._known
+        """Return the answer to a call that came after frame `begun`; None to wait on."""
+        state = self._state
         if problem := self._hindrance():
             return False, problem
-        if known.frame > begun and known.localization.state is _LOCALISED:
-            return True, self._told(known)
+        if state.frame > begun and state.localization.state is _LOCALISED:
+            return True, self._in_words(state)
         if self._waiting > _MOST_CALLS:
-            return False, f'more than {_MOST_CALLS} calls wait; {known.localization.problem}'
-        if is_late and known.frame == begun:
+            return False, f'more than {_MOST_CALLS} calls wait; {state.localization.problem}'
+        if is_late and state.frame == begun:
             return False, f'no images: {self.advice()}'
-        return (False, known.localization.problem) if is_late else None
+        return (False, state.localization.problem) if is_late else None
 
     def _hindrance(self) -> str:
-        """Return why it is of no use to wait; empty if it is."""
+        """Return why waiting is useless; empty if it is not."""
         if self._given_up:
             return 'the node is ending'
         situation = self.situation()
@@ -136,17 +136,17 @@ class LocalizationTopics:
             return f'there is no map; call {name}/load_map or set map_path'
         return ''
 
-    def _told(self, known: _Known) -> str:
-        now = known.localization
+    def _in_words(self, state: _State) -> str:
+        now = state.localization
         quality = 'not known' if now.quality is None else f'{now.quality:.2f}'
         text = f'place {now.reference_index}, quality {quality}; '
-        if (found := known.estimate) is None:
-            return f'{text}no pose: {known.remark}'
-        return f'{text}{found} in frame {self.config.map_frame}{known.remark}'
+        if (estimate := state.estimate) is None:
+            return f'{text}no pose: {state.remark}'
+        return f'{text}{estimate} in frame {self.config.map_frame}{state.remark}'
 
 
 def _remark(match: Match, estimate: PoseEstimate | None) -> str:
-    """Return what is to be said of a pose, or why there is none."""
+    """Return a remark about a pose, or why there is none."""
     if estimate is None:
         return 'the map has none; build it with --odom or --poses'
     if match.relative_yaw_rad is None and match.relative_pose is None:

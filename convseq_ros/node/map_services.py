@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Loading and saving maps while frames come in, without losing one."""
+"""Services that load and save maps while frames arrive, without losing one."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, wait
@@ -32,7 +32,7 @@ _POLL_S = 0.05
 
 
 class MapServices:
-    """Offers `~/load_map` and `~/save_map`; maps are exchanged between two frames."""
+    """Offers `~/load_map` and `~/save_map`; maps are replaced between two frames."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class MapServices:
         self._recognition = recognition
         self._config = config
         self._background = Background()
-        # Its own group, so that images and other services are served while a map is opened.
+        # A separate group, so that images and other services are served while a map is opened.
         group = MutuallyExclusiveCallbackGroup()
         offer = partial(node.create_service, qos_profile=SERVICE_QOS, callback_group=group)
         offer(LoadMap, '~/load_map', self._on_load_map)
@@ -67,7 +67,7 @@ class MapServices:
         self._logger.info(text)
 
     def finish(self, timeout_s: float) -> bool:
-        """Wait for what services have begun; return whether it ended in time."""
+        """Wait for the services to finish their work; return whether they did in time."""
         return self._background.finish(timeout_s)
 
     async def _on_load_map(
@@ -82,7 +82,7 @@ class MapServices:
             await self._background.result_of(partial(self._between_frames, swap))
         except Exception as error:
             self._logger.error(f'load_map: {in_full(error)}')
-            # Unlike that of Path, it never raises.
+            # Unlike Path.is_file, this never raises.
             response.result = (
                 LoadMap.Response.RESULT_INVALID_MAP_DATA
                 if isfile(path)
@@ -123,7 +123,7 @@ class MapServices:
         return response
 
     def _save(self) -> str:
-        """Save the map as it is now; return where."""
+        """Save the map as it is now; return the path."""
         session = self._recognition.session
         if not len(session.recognizer.reference_map):
             raise MapError('there is no map to save')
@@ -140,7 +140,7 @@ class MapServices:
         raise MapError('save_map_path is empty; set it to the file to write')
 
     def _between_frames(self, work: Callable[[], Result]) -> Result:
-        """Return what the worker's thread returns for some work; not to be called in it."""
+        """Run work in the worker's thread and return its result; not to be called in there."""
         future: Future[Result] = Future()
         self._worker.between_items(partial(settle, future, work))
         deadline_s = time.monotonic() + _ANSWER_S
@@ -157,7 +157,7 @@ class MapServices:
 
 
 def _refuse_target(target: Path) -> None:
-    """Say what would else be told of a neighbour of the file, or undone by replacing it."""
+    """Raise a MapError if a file cannot be written, or must not be replaced."""
     folder = target.absolute().parent
     if not isdir(folder):
         raise MapError(f'{target}: there is no folder {folder}; make it, or set save_map_path')
@@ -165,6 +165,6 @@ def _refuse_target(target: Path) -> None:
         raise MapError(f'{target}: {folder} is read-only; set save_map_path to another folder')
     if exists(target) and not isfile(target):
         raise MapError(f'{target}: is not a file; set save_map_path to one')
-    # Whoever is on the network may set the path.
+    # Anyone on the network may set the path.
     if exists(target) and not is_map_or_empty(target):
         raise MapError(f'{target}: is no map, and is not replaced; move it, or set save_map_path')

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is drawn of a map, by RViz or Foxglove: its places, its newest drive, closures, a match."""
+"""What RViz and Foxglove draw of a map: its places, its newest drive, closures, the match."""
 
 from bisect import bisect_left
 from collections import deque
@@ -34,7 +34,7 @@ _MOST_CLOSURES = 500
 _MOST_PLACES = 5000
 _GROWN_BY = 10
 _SMALLEST_M, _LARGEST_M = 0.05, 0.5
-_GOLDEN_SHARE = (math.sqrt(5) - 1) / 2  # of a circle: hues that never come near earlier ones
+_GOLDEN_SHARE = (math.sqrt(5) - 1) / 2  # of a circle: new hues stay far from earlier ones
 
 Position = tuple[float, float, float]
 
@@ -45,21 +45,21 @@ class MapTopics:
     def __init__(self, node: Node) -> None:
         self._info = advertise(node, DiagnosticArray, '~/map_info', LATCHED)
         self._path = advertise(node, Path, '~/reference_path', LATCHED)
-        self._shown: ReferenceMap | None = None
+        self._published: ReferenceMap | None = None
         self._length = self._posed = 0
-        self._shown_s = 0.0
+        self._published_s = 0.0
         self._has_path = False
 
     def follow(self, reference_map: ReferenceMap, frame_id: str) -> None:
-        """Publish, if there is news; the path if it has poses, or if an earlier one had."""
+        """Publish a changed map; the path only if it has poses, or if the last one had."""
         length, now_s = len(reference_map), time.monotonic()
-        if reference_map is not self._shown:
-            self._shown, self._length, self._posed = reference_map, 0, 0
-        elif length == self._length or now_s - self._shown_s < _PERIOD_S:
+        if reference_map is not self._published:
+            self._published, self._length, self._posed = reference_map, 0, 0
+        elif length == self._length or now_s - self._published_s < _PERIOD_S:
             return
         new = reference_map.places[self._length : length]
         self._posed += sum(place.pose is not None for place in new)
-        self._length, self._shown_s = length, now_s
+        self._length, self._published_s = length, now_s
         self._info.publish(map_info_message(reference_map, self._posed, frame_id))
         message = path_message(reference_map, frame_id)
         if message.poses or self._has_path:
@@ -68,7 +68,7 @@ class MapTopics:
 
 
 def map_info_message(reference_map: ReferenceMap, posed: int, frame_id: str) -> DiagnosticArray:
-    """Return what a map is, of whose places so many have a pose."""
+    """Return a description of a map; `posed` is the number of its places with a pose."""
     places, sessions = reference_map.places, reference_map.sessions
     values: dict[str, object] = {
         'map_id': reference_map.map_id,
@@ -118,7 +118,7 @@ class MatchMarkers:
     Publishes `~/markers`, and builds them only while somebody subscribes.
 
     Closures are drawn as LIO-SAM draws them: namespaces loop_nodes and loop_edges. An edge needs
-    to know where the query is in the map; where it does not, the reference alone is drawn.
+    the pose of the query in the map; without it only the reference is drawn.
     """
 
     def __init__(self, node: Node) -> None:
@@ -135,7 +135,7 @@ class MatchMarkers:
         query: Pose | None,
         frame_id: str,
     ) -> None:
-        """Draw what changed; `query` is where the camera is in the map, apart from the match."""
+        """Draw what changed; `query` is the camera's pose in the map by odometry, if known."""
         is_another = reference_map is not self._map
         if is_another:
             self._closures.clear()
@@ -163,10 +163,10 @@ def closure_markers(
     nodes = _marker(header, 'loop_nodes', Marker.SPHERE_LIST, (0.3, 0.3, 0.3), (0.0, 0.8, 1.0))
     edges = _marker(header, 'loop_edges', Marker.LINE_LIST, (0.1, 0.0, 0.0), (0.9, 0.9, 0.0))
     for query, reference in closures:
-        ends = [point_message(one) for one in (query, reference) if one]
+        ends = [point_message(position) for position in (query, reference) if position]
         nodes.points.extend(ends)
         edges.points.extend(ends if query else ())
-    # RViz warns of lists without points; what was drawn before shall be gone as well.
+    # RViz warns about lists without points; DELETE also removes those drawn before.
     for marker in (nodes, edges):
         if not marker.points:
             marker.action = Marker.DELETE
@@ -176,15 +176,15 @@ def closure_markers(
 def places_marker(header: Header, places: Sequence[Place]) -> Marker:
     """Return a dot for every place with a pose, thinned out to 5000, coloured by session."""
     step = max(1, math.ceil(len(places) / _MOST_PLACES))
-    shown = [place for place in places[::step] if place.pose]
-    positions = [place.pose.position for place in shown if place.pose]
-    spaces = sorted(map(math.dist, positions, positions[1:]))
-    size = spaces[len(spaces) // 2] / 3 if spaces else 0.0
+    drawn = [place for place in places[::step] if place.pose]
+    positions = [place.pose.position for place in drawn if place.pose]
+    steps_m = sorted(map(math.dist, positions, positions[1:]))
+    size = steps_m[len(steps_m) // 2] / 3 if steps_m else 0.0
     size = min(max(size, _SMALLEST_M), _LARGEST_M)
     marker = _marker(header, 'places', Marker.POINTS, (size, size, 0.0), (0.6, 0.6, 0.6))
     marker.points = [point_message(position) for position in positions]
-    colours = {session: _colour(session) for session in {place.session for place in shown}}
-    marker.colors = [colours[place.session] for place in shown] if len(colours) > 1 else []
+    colours = {session: _colour(session) for session in {place.session for place in drawn}}
+    marker.colors = [colours[place.session] for place in drawn] if len(colours) > 1 else []
     if not positions:
         marker.action = Marker.DELETE
     return marker

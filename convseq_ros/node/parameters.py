@@ -63,7 +63,7 @@ def declare(node: Node, on_change: Listener) -> tuple[Config, NodeConfig]:
 
 
 def descriptor(item: Parameter) -> ParameterDescriptor:
-    """Return what `ros2 param describe` shows of a parameter."""
+    """Return the description of a parameter for `ros2 param describe`."""
     text = item.doc + (f' Unit: {item.unit}.' if item.unit else '')
     result = ParameterDescriptor(
         name=item.name,
@@ -85,7 +85,7 @@ def descriptor(item: Parameter) -> ParameterDescriptor:
 
 
 def _overrides(node: Node) -> dict[str, Any]:
-    """Return what the command line and the parameter files say, but for what is ROS's own."""
+    """Return the parameters from the command line and parameter files, without those of ROS."""
     names = node.list_parameters([], depth=0).names
     return {
         name: node.get_parameter(name).value
@@ -104,7 +104,7 @@ def _configs(values: Mapping[str, Any]) -> tuple[Config, NodeConfig]:
 
 
 def _whole_numbers_to_floats(changes: list[RosParameter]) -> list[RosParameter]:
-    """Take 1 for 1.0, which rclpy alone refuses."""
+    """Convert 1 to 1.0 where a float is needed, which rclpy does not do."""
     return [
         RosParameter(item.name, value=float(item.value))
         if item.name in KNOWN

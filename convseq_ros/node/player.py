@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Publishes a recording or a folder of pictures to a live topic, with /clock."""
+"""Publishes a recording or a folder of pictures on live topics, with /clock."""
 
 import argparse
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ import sys
 import time
 from typing import NamedTuple
 
-from convseq_ros.process import hand_over, run_node, settle_logs, stand
+from convseq_ros.process import check_logs, end_on_signal, hand_over, run_node
 
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
@@ -39,8 +39,8 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
 _TICK_S = 0.01
-# Fast DDS sends what is larger than this in fragments, acknowledged at once; what is smaller is
-# acknowledged every 3 s only, and so needs the longer history instead of pauses.
+# Fast DDS sends larger messages in fragments, which are acknowledged at once. Smaller messages are
+# acknowledged every 3 s only, so they need a longer history instead of pauses.
 _FRAGMENTED_BYTES = 65_000
 _DEPTH_FRAGMENTED, _UNACKNOWLEDGED = 100, 50
 _DEPTH_WHOLE = 1000
@@ -48,15 +48,15 @@ _ACKNOWLEDGE_S, _ACKNOWLEDGE_POLL_S = 10.0, 0.2
 _COMPRESSED = '/compressed'
 _IMAGE = 'image'
 _SIDES = {'odom': (Odometry, ODOMETRY_TYPES), 'camera_info': (CameraInfo, CAMERA_TYPES)}
-_LEAD_NS = 1_000_000_000  # in which other topics are played before the first image
+_LEAD_NS = 1_000_000_000  # by which other topics start before the first image
 _SIDES_WAIT_S, _SIDES_ACKNOWLEDGE_S = 2.0, 4.0
 
 
 class Cue(NamedTuple):
-    """A message, when it is due (nanoseconds, time of the recording), and what it is."""
+    """A message, its time in the recording in nanoseconds, and the topic that it goes to."""
 
     stamp_ns: int
-    what: str
+    topic: str
     message: bytes | Image
 
 
@@ -72,7 +72,7 @@ def images_of(source: Source) -> Iterator[Cue]:
 
 
 def cues_of(source: Source, start_s: float, sides: dict[str, TopicMessages]) -> Iterator[Cue]:
-    """Yield the images from a second on, and, from a second before the first, what is beside."""
+    """Yield the images from `start_s` on, and other topics from 1 s before the first image."""
     images = images_of(source)
     begin_ns: int | None = None
     for first in images:
@@ -81,20 +81,20 @@ def cues_of(source: Source, start_s: float, sides: dict[str, TopicMessages]) -> 
             break
     else:
         raise SourceError(f'{source.name}: no images from --start {start_s:g} s on')
-    rest = (cue for cue in images if cue.stamp_ns >= begin_ns)
-    beside = [_beside(what, sides[what], first.stamp_ns - _LEAD_NS) for what in sides]
-    yield from heapq.merge(*beside, chain((first,), rest), key=lambda cue: cue.stamp_ns)
+    later = (cue for cue in images if cue.stamp_ns >= begin_ns)
+    beside = [_beside(name, sides[name], first.stamp_ns - _LEAD_NS) for name in sides]
+    yield from heapq.merge(*beside, chain((first,), later), key=lambda cue: cue.stamp_ns)
 
 
-def _beside(what: str, messages: TopicMessages, begin_ns: int) -> Iterator[Cue]:
-    """Yield the messages from a time on, and the last before it, which may still hold."""
+def _beside(topic: str, messages: TopicMessages, begin_ns: int) -> Iterator[Cue]:
+    """Yield the messages from a time on, and the last one before it, which may still be valid."""
     last: Cue | None = None
     for message in messages:
         if len(message.cdr) < STAMP_END:
             continue
-        cue = Cue(message.stamp_ns, what, _stamped(message))
+        cue = Cue(message.stamp_ns, topic, _stamped(message))
         if cue.stamp_ns >= begin_ns:
-            yield from (one for one in (last, cue) if one)
+            yield from (item for item in (last, cue) if item)
             last = None
         else:
             last = cue
@@ -103,7 +103,7 @@ def _beside(what: str, messages: TopicMessages, begin_ns: int) -> Iterator[Cue]:
 
 
 def _stamped(message: RawMessage) -> bytes:
-    """Return a message; a stamp of zero, which ROS takes for none, is filled in."""
+    """Return a message; a stamp of zero, which means none to ROS, is filled in."""
     if message.header_stamp_ns:
         return message.cdr
     cdr = bytearray(message.cdr)
@@ -113,7 +113,7 @@ def _stamped(message: RawMessage) -> bytes:
 
 
 class Player(Node):
-    """Plays a source once, or again and again, as the options of `parser` say."""
+    """Plays a source once or in a loop; `options` are those of `parser`."""
 
     def __init__(self, source: Source, options: argparse.Namespace) -> None:
         super().__init__('convseq_player')
@@ -128,18 +128,18 @@ class Player(Node):
         reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
         reading = chosen_reading(options)
         self._beside = {
-            what: TopicMessages(options.recording, side, types, _option(what), reading)
-            for what, (_, types) in _SIDES.items()
-            if (side := getattr(options, what))
+            name: TopicMessages(options.recording, side, types, _option(name), reading)
+            for name, (_, types) in _SIDES.items()
+            if (side := getattr(options, name))
         }
         first = next((cue.message for cue in images_of(source)), b'')
         size = len(first if isinstance(first, bytes) else first.data)
         self._large = size > _FRAGMENTED_BYTES
         depth = _DEPTH_FRAGMENTED if self._large else _DEPTH_WHOLE
-        # Images last: who hears of them has heard of the others.
+        # Images last: a node that discovers them has discovered the others.
         self._sides: dict[str, Publisher] = {
-            what: self.create_publisher(_SIDES[what][0], what, _DEPTH_WHOLE)
-            for what in self._beside
+            name: self.create_publisher(_SIDES[name][0], name, _DEPTH_WHOLE)
+            for name in self._beside
         }
         self._images: Publisher = self.create_publisher(
             CompressedImage if compressed else Image,
@@ -151,7 +151,7 @@ class Player(Node):
         )
 
     def play(self) -> None:
-        """Publish until the end and until all has arrived; ConvseqError if that fails."""
+        """Publish everything and wait until it has arrived; ConvseqError if that fails."""
         self._wait_for_subscriber()
         while self.context.ok():
             self._play_once()
@@ -170,7 +170,7 @@ class Player(Node):
                     'start vpr_node, or play to nobody with --wait-subscribers 0'
                 )
             time.sleep(_TICK_S)
-        # Who wants images need not want the rest: that is given a moment, and no more.
+        # A subscriber of images may not want the other topics: wait only briefly for those.
         deadline_s = time.monotonic() + min(limit_s, _SIDES_WAIT_S)
         for side in self._sides.values():
             while not side.get_subscription_count() and time.monotonic() < deadline_s:
@@ -179,26 +179,26 @@ class Player(Node):
     def _play_once(self) -> None:
         self._begun, before = None, self._sent
         for cue in cues_of(self._source, self._options.start, self._beside):
-            is_first = cue.what == _IMAGE and self._sent == before
+            is_first = cue.topic == _IMAGE and self._sent == before
             if is_first and before:
                 self._begun = cue.stamp_ns, time.monotonic_ns()
             elif is_first:
-                # All that follows waits for what is lost at the beginning, up to 3 s.
+                # A message lost at the start delays all that follow, for up to 3 s.
                 self._acknowledge_sides()
-                self._say_time(cue.stamp_ns)
+                self._publish_time(cue.stamp_ns)
             self._wait_until(cue.stamp_ns)
             if not self.context.ok():
                 return
             self._send(cue)
             if is_first and not before:
-                # A subscriber that we know need not know us yet: time begins when it has answered.
+                # The subscriber may not have discovered us yet: time starts when it acknowledges.
                 self._acknowledge()
                 self._begun = cue.stamp_ns, time.monotonic_ns()
             _progress(self._sent, len(self._source), self._options.loop)
 
     def _send(self, cue: Cue) -> None:
-        if cue.what != _IMAGE:
-            self._sides[cue.what].publish(cue.message)
+        if cue.topic != _IMAGE:
+            self._sides[cue.topic].publish(cue.message)
             return
         self._images.publish(cue.message)
         self._sent += 1
@@ -206,22 +206,22 @@ class Player(Node):
             self._acknowledge()
 
     def _wait_until(self, stamp_ns: int) -> None:
-        """Publish the time, once it runs, until it is that of a stamp."""
+        """Publish the time, once it runs, until it reaches a stamp."""
         rate = self._options.rate
         while self._begun and self.context.ok():
             first_ns, begun_ns = self._begun
             now_ns = first_ns + round((time.monotonic_ns() - begun_ns) * rate)
-            self._say_time(now_ns)
+            self._publish_time(now_ns)
             left_s = (stamp_ns - now_ns) / rate / 1e9
             if left_s <= 0:
                 return
             time.sleep(min(left_s, _TICK_S))
 
-    def _say_time(self, now_ns: int) -> None:
+    def _publish_time(self, now_ns: int) -> None:
         self._clock_topic.publish(Clock(clock=stamp_from_ns(now_ns)))
 
     def _acknowledge(self) -> None:
-        """Wait until every subscriber has what was sent, so that none of it is pushed out."""
+        """Wait until every subscriber has all messages, so that none is lost from the history."""
         deadline_s = time.monotonic() + _ACKNOWLEDGE_S
         poll = Duration(seconds=_ACKNOWLEDGE_POLL_S)
         while self.context.ok() and not self._images.wait_for_all_acked(poll):
@@ -231,7 +231,7 @@ class Player(Node):
                 )
 
     def _acknowledge_sides(self) -> None:
-        """Wait a moment until the subscribers of the other topics have what was sent."""
+        """Wait briefly until the subscribers of the other topics have all messages."""
         for side in self._sides.values():
             if self.context.ok():
                 side.wait_for_all_acked(Duration(seconds=_SIDES_ACKNOWLEDGE_S))
@@ -253,9 +253,9 @@ def parser() -> argparse.ArgumentParser:
     # fmt: off
     result.add_argument('--image-topic', default='/image', metavar='NAME', help='topic to publish '
         'on; compressed images go to NAME/compressed (default: /image)')
-    for what, (kind, _) in _SIDES.items():
-        result.add_argument(_option(what), default='', metavar='TOPIC',
-            help=f'also publish this {kind.__name__} topic of the recording, on `{what}`')
+    for name, (kind, _) in _SIDES.items():
+        result.add_argument(_option(name), default='', metavar='TOPIC',
+            help=f'also publish this {kind.__name__} topic of the recording, on `{name}`')
     result.add_argument('--rate', type=_positive, default=1.0, metavar='FACTOR',
         help='speed (default: 1)')
     result.add_argument('--start', type=_seconds, default=0.0, metavar='S',
@@ -270,8 +270,8 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
-def _option(what: str) -> str:
-    return '--' + what.replace('_', '-')
+def _option(name: str) -> str:
+    return '--' + name.replace('_', '-')
 
 
 def _seconds(text: str) -> float:
@@ -292,10 +292,10 @@ def main(args: list[str] | None = None) -> int:
     """Play until the end, or until SIGINT or SIGTERM; return the exit code."""
     argv = sys.argv if args is None else ['convseq play', *args]
     options = parser().parse_args(remove_ros_args(argv)[1:])
-    stand(0)
+    end_on_signal(0)
     try:
         source = open_source(options.recording, options.topic, chosen_reading(options))
-        settle_logs()
+        check_logs()
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
         hand_over(try_shutdown)
         Player(source, options).play()

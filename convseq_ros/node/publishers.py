@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the node publishes about every frame."""
+"""The topics on which the node publishes for every frame."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -32,13 +32,13 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Float32, Float64MultiArray, Int32, Int64MultiArray, UInt32
 
-TIMEOUT_S = 1.0  # after which a fleet is given up, and looked for again
+TIMEOUT_S = 1.0  # after which a fleet counts as gone, and is searched for again
 
 
 def open_fleet(
     node: Node, settings: NodeConfig, config: Config, sources: Sequence[str] = ()
 ) -> FleetLink | None:
-    """Publish a fleet's answers on `~/fleet_answer`, if asked; FleetError if not allowed."""
+    """Publish a fleet's answers on `~/fleet_answer`, if there is one; FleetError if refused."""
     if not settings.fleet:
         return None
     publisher = advertise(node, DiagnosticArray, '~/fleet_answer')
@@ -79,30 +79,30 @@ class MatchPublishers:
     def publish(
         self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
     ) -> PoseEstimate | None:
-        """Publish the answer to one frame, -1 and 0 for none; return the pose that was, if any."""
+        """Publish the answer to a frame, -1 and 0 for none; return the estimated pose, if any."""
         best, accepted, config = match.best, match.accepted, self.config
-        whole, give = recognizer.reference_map, self._give
-        model_ms = recognizer.model_ms
-        give(
+        reference_map, send = recognizer.reference_map, self._send
+        places, model_ms = reference_map.places, recognizer.model_ms
+        send(
             '~/answer',
-            partial(answer_message, match, duration_ms, whole, config.map_frame, model_ms),
+            partial(answer_message, match, duration_ms, reference_map, config.map_frame, model_ms),
         )
-        give('~/match_index', lambda: Int32(data=accepted.reference_index if accepted else -1))
-        give('~/match_score', lambda: Float32(data=best.score if best else 0.0))
-        give('~/sequence_length', lambda: UInt32(data=match.sequence_length))
-        give('~/candidates', partial(candidates_message, match, whole.places, config.map_frame))
+        send('~/match_index', lambda: Int32(data=accepted.reference_index if accepted else -1))
+        send('~/match_score', lambda: Float32(data=best.score if best else 0.0))
+        send('~/sequence_length', lambda: UInt32(data=match.sequence_length))
+        send('~/candidates', partial(candidates_message, match, places, config.map_frame))
         estimate = self._publish_accepted(match, accepted, recognizer) if accepted else None
-        self.map_topics.follow(whole, config.map_frame)
-        # Odometry is given in the map's frame if it says so, or if this session made the place.
+        self.map_topics.follow(reference_map, config.map_frame)
+        # Odometry is in the map's frame if its frame id says so, or if this drive made the place.
         shared = self._odometry_frame() == config.map_frame or (
             accepted is not None and accepted.reference_index >= recognizer.mapping.session_start
         )
         query = frame.pose if shared else None
-        self._markers.publish(match, whole, estimate, query, config.map_frame)
-        give('~/debug_image', partial(_debug_image, frame, match, recognizer))
+        self._markers.publish(match, reference_map, estimate, query, config.map_frame)
+        send('~/debug_image', partial(_debug_image, frame, match, recognizer))
         return estimate
 
-    def _give(self, name: str, make: Callable[[], Any]) -> None:
+    def _send(self, name: str, make: Callable[[], Any]) -> None:
         publisher = self._publishers[name]
         if publisher.get_subscription_count():
             publisher.publish(make())
@@ -110,17 +110,17 @@ class MatchPublishers:
     def _publish_accepted(
         self, match: Match, accepted: Candidate, recognizer: PlaceRecognizer
     ) -> PoseEstimate | None:
-        config, whole = self.config, recognizer.reference_map
-        own = recognizer.mapping.session_start
-        # What a growing map had already has stamps of another clock.
-        if not recognizer.config.online.grows or accepted.reference_index >= own:
+        config, reference_map = self.config, recognizer.reference_map
+        frame, start = config.base_frame, recognizer.mapping.session_start
+        # Places of earlier drives in a growing map have stamps of another clock.
+        if not recognizer.config.online.grows or accepted.reference_index >= start:
             stamp_ns = match.query_stamp_ns
-            self._give('~/loop_closure', partial(loop_closure_message, stamp_ns, accepted))
+            self._send('~/loop_closure', partial(loop_closure_message, stamp_ns, accepted))
         pair = [match.query_index, accepted.reference_index]
-        self._give('~/loop_closure_index', lambda: Int64MultiArray(data=pair))
-        self._give('~/closure', partial(closure_message, match, whole, config.base_frame, own))
+        self._send('~/loop_closure_index', lambda: Int64MultiArray(data=pair))
+        self._send('~/closure', partial(closure_message, match, reference_map, frame, start))
         estimate = estimate_pose(
-            whole.places,
+            reference_map.places,
             accepted.reference_index,
             yaw_rad=match.relative_yaw_rad,
             relative=match.relative_pose,
@@ -129,13 +129,13 @@ class MatchPublishers:
             heading_sigma_rad=config.heading_sigma_rad,
         )
         if estimate:
-            self._give('~/pose', partial(pose_message, match, estimate, config.map_frame))
+            self._send('~/pose', partial(pose_message, match, estimate, config.map_frame))
         return estimate
 
 
 def _debug_image(frame: Frame, match: Match, recognizer: PlaceRecognizer) -> Image:
     best, reference_map = match.best, recognizer.reference_map
     thumbnail = reference_map.thumbnail(best.reference_index) if best else b''
-    shown = upright(frame, reference_map.encoding)
-    picture = match_picture(shown, match, thumbnail, recognizer.buffer.field(best))
+    image = upright(frame, reference_map.encoding)
+    picture = match_picture(image, match, thumbnail, recognizer.buffer.field(best))
     return image_message(picture, match_header(match, ''))

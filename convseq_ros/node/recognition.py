@@ -22,13 +22,13 @@ from convseq_ros.sources.images import gray_and_color, message_pixels
 from convseq_ros.sources.raw_message import RawMessage
 
 _LOG_PERIOD_S = 5.0
-_PATIENCE_S = 5.0  # for the place that is being linked, at the end
-_BATCH = 4  # images at once, at most: what is decoded must fit into memory
+_PATIENCE_S = 5.0  # at the end, for the place that is being linked
+_BATCH = 4  # maximum number of images at once: decoded, they must fit into memory
 Publish = Callable[[Frame, Match, PlaceRecognizer, float], None]
 
 
 class ResultLog:
-    """Writes rows, if `path` is not empty, until that fails; counts what is `lost` then."""
+    """Writes rows if `path` is not empty; after a failure, counts the `lost` rows instead."""
 
     def __init__(self, path: str, logger: Any) -> None:
         self.lost = 0
@@ -63,7 +63,7 @@ class ResultLog:
             self.lost += self._failed
 
     def close(self) -> None:
-        """Give the file its name; rows that come later are left out."""
+        """Complete the file; later rows are left out."""
         with self._lock:
             if self._writer:
                 try:
@@ -75,10 +75,10 @@ class ResultLog:
 
 class MapLinking:
     """
-    Looks up the places of a map in what comes before them, in a thread of its own.
+    Links the places of a map to earlier places that show the same, in a separate thread.
 
-    It rests as long as it works, so that half of a core stays for the answers. A map that grows
-    keeps the links in its file, another one in memory. Of a map that has all its links, nothing is
+    It pauses for as long as it works, so that half of a core stays free for frames. A growing map
+    stores the links in its file, other maps keep them in memory. If no link is missing, nothing is
     done.
     """
 
@@ -88,7 +88,7 @@ class MapLinking:
         self._thread.start()
 
     def stop(self) -> None:
-        """Leave the rest; what is linked stays linked."""
+        """Stop linking; the links so far stay."""
         self._end.set()
         self._thread.join(_PATIENCE_S)
 
@@ -96,20 +96,20 @@ class MapLinking:
         try:
             self._link()
         except Exception as error:
-            # The map answers without links, too.
+            # The map works without links, too.
             self._logger.error(f'linking: {in_full(error)}')
 
     def _link(self) -> None:
         recognizer, path = self._session.recognizer, self._session.path
-        whole = recognizer.reference_map
-        if not (count := sum(map(len, not_linked(whole)))):
+        reference_map = recognizer.reference_map
+        if not (count := sum(map(len, not_linked(reference_map)))):
             return
         self._logger.info(f'linking {count} places of {path}, which was made without links')
         began_s, tenths = time.monotonic(), 0
-        for done, _ in enumerate(link_map(whole, recognizer.config), 1):
+        for done, _ in enumerate(link_map(reference_map, recognizer.config), 1):
             if 10 * done // count > tenths:
-                tenths = 10 * done // count
-                self._logger.info(f'linking {path}: {10 * tenths} %, {len(whole.links)} links')
+                tenths, links = 10 * done // count, len(reference_map.links)
+                self._logger.info(f'linking {path}: {10 * tenths} %, {links} links')
             if self._end.wait(time.monotonic() - began_s):
                 return
             began_s = time.monotonic()
@@ -123,18 +123,18 @@ class Arrival:
     stamp_ns: int  # when it was taken
     arrival_ns: int  # monotonic time at which it came
     topic: str
-    number: int  # how many came before it, those among them that were dropped, too
+    number: int  # messages before it, including dropped ones
 
 
 @dataclass(eq=False)
 class Recognition:
     """
-    Answers frame after frame; no frame, however broken, stops it, and no full disk.
+    Answers frames one after another; neither a broken frame nor a full disk stops it.
 
-    `publish` gets each answer with its frame, who gave it and the milliseconds that it took.
+    `publish` gets each frame, its match, the recogniser that made it and the time in milliseconds.
     """
 
-    session: Session  # that in use now
+    session: Session  # the current one
     context: FrameContext
     results: ResultLog  # gets a row for every answer
     publish: Publish
@@ -145,7 +145,7 @@ class Recognition:
     _linking: MapLinking | None = None
 
     def together(self) -> int:
-        """Return how many frames that wait are described in one batch."""
+        """Return the maximum number of waiting frames that are described in one batch."""
         return _BATCH if self.session.recognizer.first_stage.batch else 1
 
     def handle(self, *arrivals: Arrival) -> None:
@@ -162,7 +162,7 @@ class Recognition:
     def _describe(self, frames: list[Frame]) -> float:
         """Describe frames in one batch; return the milliseconds that it took."""
         start_ns = time.perf_counter_ns()
-        with suppress(ModelError):  # which each frame's answer tells
+        with suppress(ModelError):  # which is raised again by each frame's answer
             self.session.cameras.expect(frames)
         return (time.perf_counter_ns() - start_ns) / 1e6
 
@@ -172,20 +172,20 @@ class Recognition:
         try:
             yield
         except Exception as error:
-            # Publishing fails while a signal shuts ROS down; the row is written by then.
+            # Publishing fails while a signal shuts ROS down; the result row is written before.
             if isinstance(error, ConvseqError) or self.ros_is_up():
                 self.statistics.failed += 1
                 self.logger.error(in_full(error), throttle_duration_sec=_LOG_PERIOD_S)
 
     def swap(self, session: Session) -> None:
-        """Go on with another session, and so another map; what the old one added is safe."""
+        """Replace the session, and so the map; additions of the old one are saved."""
         session.cameras.configure(self.session.cameras.config)
         self.close()
         self.session, self.model_problem = session, ''
         self.link()
 
     def link(self) -> None:
-        """Link the map, if it is not, while frames are answered."""
+        """Link the map, if links are missing, while frames are answered."""
         self._linking = MapLinking(self.session, self.logger)
 
     def close(self) -> None:
@@ -194,11 +194,11 @@ class Recognition:
         try:
             self.session.close()
         except (ConvseqError, OSError) as error:
-            self.statistics.unkept += 1
+            self.statistics.write_failures += 1
             self.logger.error(str(error))
 
     def _read(self, arrival: Arrival) -> tuple[Frame, float]:
-        """Return a frame with what else is known of it, and the milliseconds of decoding it."""
+        """Return a frame with its pose and depth, and the milliseconds that decoding took."""
         pose = self.context.pose_at(arrival.stamp_ns)
         depth_m = self.context.depth_at(arrival.topic, arrival.stamp_ns)
         start_ns = time.perf_counter_ns()
@@ -211,18 +211,18 @@ class Recognition:
         try:
             match = cameras.process(frame)
         except ModelError as error:
-            self._do_without(error)
+            self._drop_model(error)
             cameras = self.session.cameras
             match = cameras.process(frame)
         duration_ms = before_ms + (time.perf_counter_ns() - start_ns) / 1e6
-        self._keep()
+        self._save()
         match = replace(match, query_index=arrival.number)
         self.results.write(match, duration_ms)
         self.publish(frame, match, cameras.of(frame.source), duration_ms)
         self.statistics.answered(match, arrival.arrival_ns, duration_ms)
 
-    def _do_without(self, error: ModelError) -> None:
-        """Go on with what is built in, in a map that does not grow; the error if there is none."""
+    def _drop_model(self, error: ModelError) -> None:
+        """Use the built-in descriptor, and stop growing the map; raise the error if impossible."""
         self.model_problem = f'{error}; nothing is recognised'
         session, config = self.session, self.session.cameras.config
         if session.path is None or not config.encoding.keeps_cells:
@@ -236,12 +236,12 @@ class Recognition:
         self.model_problem = f'{error}; the built-in descriptor is used, and the map does not grow'
         self.logger.error(self.model_problem)
 
-    def _keep(self) -> None:
-        """Write what the map gained; if that fails, say so, count, and go on."""
+    def _save(self) -> None:
+        """Write new places to the map's file; log and count a failure."""
         try:
             self.session.save()
         except (ConvseqError, OSError) as error:
-            self.statistics.unkept += 1
+            self.statistics.write_failures += 1
             self.logger.error(str(error), throttle_duration_sec=_LOG_PERIOD_S)
 
     def _decode(self, arrival: Arrival) -> Frame:

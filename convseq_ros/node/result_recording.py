@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A recording of what the node would publish, made without a node: `replay --output FILE.mcap`."""
+"""Records what the node would publish, without a node: `replay --output FILE.mcap`."""
 
 from pathlib import Path
 from typing import Any, Self
@@ -18,14 +18,14 @@ _NODE = '/vpr_node'
 
 
 class ResultRecording:
-    """Writes an mcap file of the node's topics about frames, stamped at their time."""
+    """Writes the node's topics to an mcap file, with the stamps of the frames."""
 
     def __init__(self, path: Path) -> None:
         self._file = complete_or_absent(path)
         self._stamp_ns = 0
 
     def __enter__(self) -> Self:
-        # The node runs without it, and it is not in Ubuntu.
+        # Imported here because the node does not need it, and Ubuntu does not package it.
         from mcap.writer import Writer
 
         self._writer: Any = Writer(str(self._file.__enter__()))
@@ -33,9 +33,9 @@ class ResultRecording:
         self._publishers = MatchPublishers(self, NodeConfig(), str)  # type: ignore[arg-type]
         return self
 
-    def __exit__(self, *why: Any) -> None:
+    def __exit__(self, *error: Any) -> None:
         self._writer.finish()
-        self._file.__exit__(*why)
+        self._file.__exit__(*error)
 
     def write(
         self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
@@ -44,7 +44,7 @@ class ResultRecording:
         self._publishers.publish(frame, match, recognizer, duration_ms)
 
     def create_publisher(self, kind: type, topic: str, _qos: Any, **_events: Any) -> '_Channel':
-        """Return what writes instead of publishing."""
+        """Return a publisher that writes to the file."""
         name = type_name(kind)
         described, _ = typestore().generate_msgdef(name, ros_version=2)
         schema = self._writer.register_schema(name, 'ros2msg', described.encode())
@@ -58,7 +58,7 @@ class ResultRecording:
 
 
 class _Channel:
-    """Has what the node's parts ask of a publisher."""
+    """A publisher with the methods that the node's parts use."""
 
     def __init__(self, recording: ResultRecording, number: int) -> None:
         self._recording, self._number = recording, number
@@ -67,5 +67,5 @@ class _Channel:
         self._recording.add(self._number, message)
 
     def get_subscription_count(self) -> int:
-        """Return that somebody listens, so that pictures are drawn."""
+        """Return 1, so that every message is made, also pictures."""
         return 1

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the process of a node runs, from ROS's first moment to the exit code."""
+"""Runs a node's process, from the start of ROS to the exit code."""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -10,7 +10,7 @@ import sys
 import threading
 
 from convseq_ros.errors import ConvseqError, one_line
-from convseq_ros.process import fast_dds, hand_over, ignore, QUICK_START, settle_logs, stand
+from convseq_ros.process import check_logs, end_on_signal, fast_dds, hand_over, ignore, QUICK_START
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
@@ -18,21 +18,21 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 
-_LOOK_UP_S = 0.2
-_M_MMAP_THRESHOLD = -3  # malloc.h of glibc: what is larger is mapped, and unmapped when it is free
-_MAPPED_BYTES = 1 << 22  # smaller images are worth more when their memory is at hand
-_M_TRIM_THRESHOLD = -1  # malloc.h of glibc: what is free at the end of its heap, and kept
-_KEPT_BYTES = 1 << 23  # two such images; by 128 kB, every image's memory is asked for anew
+_SPIN_S = 0.2
+_M_MMAP_THRESHOLD = -3  # malloc.h of glibc: larger blocks are mapped, and unmapped when freed
+_MAPPED_BYTES = 1 << 22  # smaller images are faster if their memory is reused
+_M_TRIM_THRESHOLD = -1  # malloc.h of glibc: free memory that the heap keeps at its end
+_KEPT_BYTES = 1 << 23  # two such images; with 128 kB, the default, each image allocates anew
 
 
 def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     """Run a node until SIGINT or SIGTERM; return the exit code."""
-    stand(0)
+    end_on_signal(0)
     keep_memory_at_hand()
     os.environ.update(fast_dds(QUICK_START))  # read when the first node is made
-    settle_logs()
+    check_logs()
     try:
-        # Its own handlers would shut ROS down under whatever is at work.
+        # rclpy's own handlers would shut ROS down in the middle of the work.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         return _refuse(error)
@@ -48,7 +48,7 @@ def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = Non
     finally:
         try_shutdown()
         ignore()
-    _leave_what_is_at_work()
+    _exit_if_busy()
     return 0
 
 
@@ -58,22 +58,22 @@ def turns(node: Node) -> Iterator[None]:
     hand_over(ending.set)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    # A signal does not wake the executor: it looks up now and then.
+    # A signal does not wake the executor, so it returns now and then.
     while ok() and not ending.is_set():
-        executor.spin_once(timeout_sec=_LOOK_UP_S)
+        executor.spin_once(timeout_sec=_SPIN_S)
         yield
 
 
 def keep_memory_at_hand() -> None:
-    """Have the C library keep what one image needs for the next, and give back large ones."""
+    """Let the C library reuse the memory of images, but return that of large ones."""
     with suppress(AttributeError, OSError):
         library = CDLL(None)
         library.mallopt(_M_MMAP_THRESHOLD, _MAPPED_BYTES)
         library.mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
 
 
-def _leave_what_is_at_work() -> None:
-    """End at once if threads are still at work: Python would tidy up what they are using."""
+def _exit_if_busy() -> None:
+    """End at once if threads still work: Python's cleanup would break them."""
     if any(thread.name in ('worker', 'service') for thread in threading.enumerate()):
         sys.stdout.flush()
         sys.stderr.flush()

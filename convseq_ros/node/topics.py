@@ -21,35 +21,35 @@ from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPo
 from rclpy.timer import Timer
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Who comes late hears the last message, too."""
+"""A late subscriber receives the last message, too."""
 
 SERVICE_QOS = QoSProfile(depth=1000)
 """
-Requests, and answers that are not acknowledged yet, of all callers together; with the usual 10,
-most calls of a quick caller are lost while a frame keeps the processor busy.
+Queue of requests, and of answers that are not acknowledged yet, for all callers together. With the
+default of 10, most calls of a fast caller are lost while a frame keeps the processor busy.
 """
-# By default, each publisher adds two events to what the executor waits for anew each time.
+# By default, each publisher adds two events to the executor's wait set.
 _NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 _DEPTH = 10
 
 
 def advertise(node: Node, kind: type, topic: str, qos: QoSProfile | int = _DEPTH) -> Any:
-    """Return a publisher, which costs nothing while the node waits."""
+    """Return a publisher without events, which the executor would check at each turn."""
     return node.create_publisher(kind, topic, qos, event_callbacks=_NO_EVENTS)
 
 
 def steady_timer(node: Node, period_s: float, call: Callable[[], None]) -> Timer:
-    """Return a timer of steady pace, whatever the node's clock does."""
+    """Return a timer that is independent of the node's clock."""
     return node.create_timer(period_s, call, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 class FollowingSubscription:
     """
-    Asks for reliable delivery, and for best effort while a publisher offers no better.
+    Requests reliable delivery, or best effort while a publisher offers only that.
 
-    `on_message` receives each message in the listener's thread, for which `depth` may wait; its
-    bytes, if it is asked for `raw`. `lost` counts what did not arrive since the first: as the
-    middleware reports and, of a single publisher, by the numbers of its messages.
+    `on_message` receives each message, or its bytes if `raw`, in the listener's thread; `depth`
+    messages may wait. `lost` counts lost messages since the first one: as the middleware reports
+    them or, with a single publisher, by gaps in the sequence numbers.
     """
 
     def __init__(
@@ -63,10 +63,10 @@ class FollowingSubscription:
         raw: bool = False,
     ) -> None:
         self._reported = self._missing = self._last = 0
-        self._node, self._own_kind, self.topic = node, kind, node.resolve_topic_name(topic)
+        self._node, self._message_kind, self.topic = node, kind, node.resolve_topic_name(topic)
         self._on_message, self._depth, self._raw = on_message, depth, raw
         self._subscription: Any = None
-        self._changing = RLock()  # the executor may move it, while the listener follows publishers
+        self._changing = RLock()  # the executor calls `move` while the listener handles events
         if starts:
             self.start()
 
@@ -83,26 +83,26 @@ class FollowingSubscription:
     @property
     def kind(self) -> type:
         """The type of the messages."""
-        return self._own_kind
+        return self._message_kind
 
     @property
     def lost(self) -> int:
         return max(self._reported, self._missing)
 
     def move(self, topic: str) -> None:
-        """Hear another topic instead."""
+        """Subscribe to another topic instead."""
         self.topic, self._last = self._node.resolve_topic_name(topic), 0
         if self._subscription:
             self._subscribe(self._reliability)
 
     def hold_at_most(self, depth: int) -> None:
-        """Have fewer messages wait for the listener from now on."""
+        """Let fewer messages wait for the listener from now on."""
         if depth < self._depth and self._subscription:
             self._depth = depth
             self._subscribe(self._reliability)
 
     def _subscribe(self, reliability: ReliabilityPolicy) -> None:
-        on_message: Any = self._on_numbered  # rclpy's types know of no second argument
+        on_message: Any = self._on_numbered  # rclpy's types have no second argument
         with self._changing:
             self.stop()
             self._reliability = reliability
@@ -131,7 +131,7 @@ class FollowingSubscription:
             self._subscribe(ReliabilityPolicy.BEST_EFFORT)
 
     def _on_matched(self, info: QoSSubscriptionMatchedInfo) -> None:
-        # One that came and went between two looks makes no change, but it counts in the total.
+        # A publisher that came and went between two events is only in the total count.
         is_alone = info.total_count and not info.current_count
         if is_alone and self._reliability is ReliabilityPolicy.BEST_EFFORT:
             self._subscribe(ReliabilityPolicy.RELIABLE)

@@ -44,9 +44,9 @@ class VprNode(ManagedNode):
     """
     Recognises the places of a map in the images of a camera.
 
-    The listener's thread only queues images, the executor's answers services and parameters; all
-    work on images is done in one thread of its own. ConvseqError if a parameter is not allowed, or
-    the map or the result file cannot be opened.
+    The listener's thread only queues images, the executor's thread serves services and parameters,
+    and a worker's thread processes the images. ConvseqError if a parameter is not allowed, or the
+    map or the result file cannot be opened.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -55,7 +55,7 @@ class VprNode(ManagedNode):
                 'vpr_node', automatically_declare_parameters_from_overrides=True, **kwargs
             )
         except RuntimeError as error:
-            # Such as security that the middleware does not have.
+            # For example, security that the middleware does not support.
             raise ConvseqError(str(error)) from None
         self._enabled = True
         self._is_open = self._ready = self._listening = False
@@ -71,23 +71,23 @@ class VprNode(ManagedNode):
             raise
 
     def open_work(self) -> None:
-        """Open the map and the result file, and make what does the work; then warm up."""
-        with ExitStack() as undone:
-            self._open_work(undone)
-            undone.pop_all()
+        """Open the map and the result file, make the parts of the node, and warm up."""
+        with ExitStack() as opened:
+            self._open_work(opened)
+            opened.pop_all()
         self._is_open = True
         self._worker.between_items(self._warm_up)
         self._worker.start()
 
-    def _open_work(self, undone: ExitStack) -> None:
+    def _open_work(self, opened: ExitStack) -> None:
         logger, config = self.get_logger(), self._node_config
         self._images = image_subscriptions(self, config, self._on_image)
-        topics = [one.topic for one in self._images] if config.image_topics else []
+        topics = [images.topic for images in self._images] if config.image_topics else []
         path = Path(config.map_path) if config.map_path else None
         session = Session(path, self._config, sources=topics, describe=open_model(self._config))
-        undone.callback(session.close)
+        opened.callback(session.close)
         self._results = ResultLog(config.result_file, logger)
-        undone.callback(self._results.close)
+        opened.callback(self._results.close)
         for line in session.ignored:
             logger.warning(line)
         self._statistics = Statistics()
@@ -119,7 +119,7 @@ class VprNode(ManagedNode):
             SetBool, '~/set_enabled', self._on_set_enabled, qos_profile=SERVICE_QOS
         )
         if fleet := open_fleet(self, config, self._config, topics):
-            undone.callback(fleet.close)
+            opened.callback(fleet.close)
         self._fleet = fleet
         self._localization = LocalizationTopics(self, config, self._situation, self._advice)
         self._diagnostics = Diagnostics(
@@ -133,23 +133,23 @@ class VprNode(ManagedNode):
 
     def listen(self) -> None:
         self._listening = True
-        for one in self._images:
-            one.start()
+        for images in self._images:
+            images.start()
         self._maps.announce()
         self.get_logger().info(f'listening to {self._topic}')
 
     def pause(self) -> None:
         self._listening = False
-        for one in self._images:
-            one.stop()
+        for images in self._images:
+            images.stop()
         self.get_logger().info('not listening')
 
     def close_work(self) -> None:
         if not self._is_open:
             return
         self._is_open = self._listening = False
-        for one in self._images:
-            one.stop()
+        for images in self._images:
+            images.stop()
         self._localization.give_up()
         if self._worker.stop(_STOP_TIMEOUT_S if self._ready else 0.0):
             self._recognition.close()
@@ -168,14 +168,14 @@ class VprNode(ManagedNode):
         super().destroy_node()
 
     def _warm_up(self) -> None:
-        """Make what the first frame needs, in the worker's thread."""
+        """Prepare for the first frame, in the worker's thread."""
         start_s = time.monotonic()
         session = self._recognition.session
         try:
             session.warm_up()
         except ConvseqError as error:
             self.get_logger().error(str(error))
-        gc.freeze()  # all that is there stays: the collector need not visit it again and again
+        gc.freeze()  # all objects so far stay: the collector need not visit them again
         took_s = time.monotonic() - start_s
         if session.slow:
             self.get_logger().warning(session.slow)
@@ -187,7 +187,7 @@ class VprNode(ManagedNode):
             )
             self._warm.trigger()
         except Exception:
-            # Whatever is under way fails when the node ends, or a signal shuts ROS down.
+            # Publishing fails while the node ends, or a signal shuts ROS down.
             if self._is_open and self.context.ok():
                 raise
 
@@ -249,7 +249,7 @@ class VprNode(ManagedNode):
         self, request: SetBool.Request, response: SetBool.Response
     ) -> SetBool.Response:
         if request.data and not self._enabled:
-            # What came before the pause is not the past of what comes now.
+            # Frames before the pause are not part of the sequence of those after it.
             self._worker.between_items(self._forget)
         self._enabled = request.data
         response.success, response.message = True, 'enabled' if request.data else 'disabled'
@@ -257,14 +257,14 @@ class VprNode(ManagedNode):
 
     @property
     def _topic(self) -> str:
-        """The topics of the cameras, with spaces between."""
-        return ' '.join(one.topic for one in self._images)
+        """The topics of the cameras, separated by spaces."""
+        return ' '.join(images.topic for images in self._images)
 
     def _lost(self) -> int:
-        return sum(one.lost for one in self._images)
+        return sum(images.lost for images in self._images)
 
     def _advice(self) -> str:
-        return '; '.join(one.advice() for one in self._images)
+        return '; '.join(images.advice() for images in self._images)
 
     def _situation(self) -> Situation:
         session, odometry = self._recognition.session, self._frame_context.odometry
@@ -280,7 +280,7 @@ class VprNode(ManagedNode):
                 'lost_by_middleware': self._lost(),
                 'clock_jumps': session.cameras.resets,
                 'result_rows_lost': self._results.lost,
-                'camera_info': self._frame_context.camera.known,
+                'camera_info': self._frame_context.camera.is_calibrated,
                 'frames_without_pose': odometry.missing,
                 'frames_without_depth': self._frame_context.depth.missing,
                 'depth_unreadable': self._frame_context.depth.unreadable,

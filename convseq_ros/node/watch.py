@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A terminal in which a node's answers are seen: the last match beside its place, and counts."""
+"""Shows a node's answers in a terminal: the last image beside its place, and counts."""
 
 import argparse
 from collections import Counter, deque
@@ -9,7 +9,7 @@ import sys
 import time
 from typing import Any
 
-from convseq_ros.process import run_node, settle_logs, stand
+from convseq_ros.process import check_logs, end_on_signal, run_node
 
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
@@ -40,14 +40,14 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-_PICTURE_COLUMNS = 38  # of a terminal; a character shows two pixels, one over the other
+_PICTURE_COLUMNS = 38  # of a terminal; a character shows two pixels, one above the other
 _SHOWN_EVERY_S = 0.2
 _RATE_FRAMES = 20
 _COLOURS = {'accepted': 'green', 'rejected': 'yellow', 'skipped': 'bright_black'}
 
 
 class Watcher(ListeningNode):
-    """Listens to `answer` of a node, and to its camera if the options of `parser` say so."""
+    """Listens to a node's `answer`, and to its camera if a topic is given in `options`."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         super().__init__('convseq_watch')
@@ -75,10 +75,10 @@ class Watcher(ListeningNode):
             except MapError as error:
                 self._place, self._problem = None, str(error)
 
-    def _picture(self, known: ReferenceMap, index: int) -> npt.NDArray[np.uint8] | None:
-        if index >= len(known):
-            self._map = known = open_map(self._map_path)  # it grows
-        return decode_jpeg(known.thumbnail(index)) if index < len(known) else self._place
+    def _picture(self, places: ReferenceMap, index: int) -> npt.NDArray[np.uint8] | None:
+        if index >= len(places):
+            self._map = places = open_map(self._map_path)  # it has grown
+        return decode_jpeg(places.thumbnail(index)) if index < len(places) else self._place
 
     def _on_image(self, message: RawMessage, _topic: str) -> None:
         try:
@@ -89,20 +89,20 @@ class Watcher(ListeningNode):
     def view(self) -> RenderableType:
         if not self._answer:
             return Text(self._waiting)
-        known, colour = self._answer, _COLOURS[self._answer['status']]
-        told = Table.grid(padding=(0, 1))
-        place = known['reference_index'] or known['best_index'] or '-'
-        told.add_row('frame', known['query_index'], Text(known['reason'], colour))
-        told.add_row('place', place, f'k {known["sequence_length"]}')
+        answer, colour = self._answer, _COLOURS[self._answer['status']]
+        table = Table.grid(padding=(0, 1))
+        place = answer['reference_index'] or answer['best_index'] or '-'
+        table.add_row('frame', answer['query_index'], Text(answer['reason'], colour))
+        table.add_row('place', place, f'k {answer["sequence_length"]}')
         for name in ('best_score', 'confidence'):
-            value = float(known[name] or 0.0)
+            value = float(answer[name] or 0.0)
             bar = ProgressBar(1.0, value, width=30, complete_style=colour)
-            told.add_row(name, f'{value:.3f}', bar)
-        told.add_row('rate', f'{self._rate():.1f} Hz', f'{float(known["duration_ms"]):.0f} ms')
-        pictures = [drawn(one) for one in (self._camera, self._place) if one is not None]
+            table.add_row(name, f'{value:.3f}', bar)
+        table.add_row('rate', f'{self._rate():.1f} Hz', f'{float(answer["duration_ms"]):.0f} ms')
+        pictures = [drawn(gray) for gray in (self._camera, self._place) if gray is not None]
         counts = ', '.join(f'{reason} {count}' for reason, count in self._reasons.most_common())
         below = Text(counts, 'bright_black'), Text(self._problem, 'yellow')
-        return Group(Columns(pictures, padding=(0, 2)), told, *below)
+        return Group(Columns(pictures, padding=(0, 2)), table, *below)
 
     def _rate(self) -> float:
         spent_s = self._times[-1] - self._times[0]
@@ -139,8 +139,8 @@ def main(args: list[str] | None = None) -> int:
     """Watch until SIGINT or SIGTERM; return the exit code."""
     argv = sys.argv if args is None else ['convseq watch', *args]
     options = parser().parse_args(remove_ros_args(argv)[1:])
-    stand(0)
-    settle_logs()
+    end_on_signal(0)
+    check_logs()
     try:
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
         watcher = Watcher(options)

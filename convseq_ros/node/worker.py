@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The threads of the node: one behind a bounded queue, and those of services that take long."""
+"""Threads of the node: a worker with a bounded queue, and threads for slow services."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Generator
@@ -17,13 +17,12 @@ Action = Callable[[], None]
 
 class Worker(Generic[Item]):
     """
-    Handles items one after another, in a thread of its own; drops the oldest when they pile up.
+    Handles items one after another in a separate thread; drops the oldest when they pile up.
 
-    `handle` is called with each item, in the thread, and with those that wait behind it as long as
-    they are at most `together()` in all; it must not raise. At most `queue_size` items
-    wait, of `queue_bytes` together (one alone may have more), and each, if another waits behind
-    it, for `max_wait_s` seconds; 0 for as long as it takes. `drops` counts those that were pushed
-    out or waited for too long, by cause: queue_size, memory, max_wait_s.
+    The thread calls `handle` with up to `together()` waiting items; it must not raise. At most
+    `queue_size` items wait, with `queue_bytes` in total (a single item may be larger). An item
+    is dropped once it has waited for `max_wait_s` seconds and another waits behind it; 0: never.
+    `drops` counts dropped items by cause: queue_size, memory, max_wait_s.
     """
 
     def __init__(
@@ -43,7 +42,7 @@ class Worker(Generic[Item]):
         self._bytes = 0
         self._items: deque[tuple[int, int, Item]] = deque()
         self._actions: deque[Action] = deque()
-        self.is_stopping = False  # whether it begins nothing any more
+        self.is_stopping = False  # whether no further item is handled
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name='worker', daemon=True)
 
@@ -51,7 +50,7 @@ class Worker(Generic[Item]):
         self._thread.start()
 
     def put(self, item: Item, size: int = 0) -> None:
-        """Append an item that holds so many bytes; returns at once."""
+        """Append an item of `size` bytes; return at once."""
         with self._changed:
             while self._items and (cause := self._overfull(size)):
                 self._take()
@@ -61,7 +60,7 @@ class Worker(Generic[Item]):
             self._changed.notify()
 
     def between_items(self, action: Action) -> None:
-        """Have the thread call an action once, after the item at hand and before the next."""
+        """Let the thread call an action once, after the current item and before the next."""
         with self._changed:
             self._actions.append(action)
             self._changed.notify()
@@ -75,7 +74,7 @@ class Worker(Generic[Item]):
         return len(self._items)
 
     def stop(self, timeout_s: float) -> bool:
-        """Finish the item at hand and end the thread; False if that takes longer."""
+        """Finish the current item and end the thread; return False if that takes longer."""
         with self._changed:
             self.is_stopping = True
             self._changed.notify()
@@ -86,7 +85,7 @@ class Worker(Generic[Item]):
     def _run(self) -> None:
         while (job := self._next_job()) is not None:
             job()
-            # Else it would hold its item, perhaps a large one, until the next comes.
+            # Otherwise it would keep its item, perhaps a large one, until the next arrives.
             del job
 
     def _next_job(self) -> Action | None:
@@ -108,7 +107,7 @@ class Worker(Generic[Item]):
         return item
 
     def _overfull(self, size: int) -> str:
-        """Return which limit another item of a size would break; empty if none."""
+        """Return the limit that another item of this size would exceed; empty if none."""
         if len(self._items) == self._size:
             return 'queue_size'
         return 'memory' if self._bytes + size > self._most_bytes else ''
@@ -125,9 +124,9 @@ _POLL_S = 0.005
 
 class Background:
     """
-    Does work in other threads, which do not outlive the process.
+    Does the work of services in other threads, which end with the process.
 
-    The service needs a callback group of its own: the default one is held until the coroutine
+    The service needs a separate callback group: the default one is blocked until the coroutine
     ends.
     """
 
@@ -153,7 +152,7 @@ class Background:
 
 
 def settle(future: Future[Result], work: Callable[[], Result]) -> None:
-    """Do some work, and give what it returns or raises to whoever waits for it."""
+    """Do some work, and set its result or its error in a future."""
     try:
         future.set_result(work())
     except BaseException as error:
@@ -162,11 +161,11 @@ def settle(future: Future[Result], work: Callable[[], Result]) -> None:
 
 class Turn:
     """
-    Gives other callbacks a turn, once it is awaited.
+    Gives other callbacks a turn when it is awaited.
 
-    An executor of rclpy polls waiting coroutines without a pause; of all of them, one sleeps a
-    moment now and then, so that threads get the processor. Were it each of them at each poll, many
-    would hold up the images.
+    An executor of rclpy polls waiting coroutines without a pause. One of all coroutines sleeps
+    briefly now and then, so that threads get the processor. If each slept at each poll, many calls
+    would delay the images.
     """
 
     _slept_s = 0.0

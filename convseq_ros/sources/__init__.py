@@ -32,10 +32,10 @@ class Source(Protocol):
     name: str  # of the folder or recording
     topic: str  # of the images; empty for a folder
     warnings: list[str]  # for the user, one line each; grows while the source is read
-    pose_frame: str  # what the poses of its frames are in, if others may be in the same; else ''
+    pose_frame: str  # name of the frame of the poses, if other sources may share it; else ''
 
     def __len__(self) -> int:
-        """Frames expected, as an index or a directory tells."""
+        """Return the expected number of frames, by an index or a directory."""
 
     def __iter__(self) -> Iterator[Frame]:
         """Yield the frames in order; each call starts anew."""
@@ -48,7 +48,7 @@ class AnnotatedFrames:
     source: Source
     pose_at: PoseAt | None
     camera_of: CameraOf | None
-    pose_frame: str = ''  # what the poses are in, if others may be in the same
+    pose_frame: str = ''  # of the poses, if other sources may share it
     depth_at: DepthAt | None = None
 
     def __post_init__(self) -> None:
@@ -71,11 +71,11 @@ class AnnotatedFrames:
 
 
 class SeveralCameras:
-    """The frames of some sources, at least one, by their stamps; each frame tells its source."""
+    """The frames of at least one source, in the order of their stamps."""
 
     def __init__(self, sources: Sequence[Source]) -> None:
         self._sources, self.pose_frame = sources, sources[0].pose_frame
-        self.name, self.topic = sources[0].name, ' '.join(one.topic for one in sources)
+        self.name, self.topic = sources[0].name, ' '.join(source.topic for source in sources)
         self.warnings: list[str] = []
 
     def __len__(self) -> int:
@@ -83,12 +83,12 @@ class SeveralCameras:
 
     def __iter__(self) -> Iterator[Frame]:
         yield from heapq.merge(*self._sources, key=lambda frame: frame.stamp_ns)
-        self.warnings[:] = [line for one in self._sources for line in one.warnings]
+        self.warnings[:] = [line for source in self._sources for line in source.warnings]
 
 
 def open_source(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Source:
     """
-    Open a folder of pictures, a recording or a video, whichever is there; or SourceError.
+    Open a folder of pictures, a recording or a video; SourceError if the path is none of them.
 
     A recording is a .mcap, .db3 or .bag file, or a folder that a ROS 2 recorder wrote; `topic` is
     its image topic, if it has several.
@@ -114,11 +114,11 @@ def open_annotated(
     depth: str = '',
 ) -> Source:
     """
-    Open what `open_source` does, with what other topics, or files, say of its frames.
+    Open a source as `open_source`, with poses, camera and depth from topics or files.
 
     `odom` is a topic of poses or satellite fixes, `poses` a file as for `read_pose_file`;
     `camera_info` a topic, or a file as for `read_camera_file`; `depth` a topic, or a folder, of
-    images registered to the camera. SourceError if one cannot be read.
+    images registered to the camera. SourceError if any of them cannot be read.
     """
     source = open_source(path, topic, reading)
     if odom and poses:
@@ -159,7 +159,7 @@ def open_each_camera(
     reading: ReadingConfig = ReadingConfig(),
     **poses: Any,
 ) -> list[Source]:
-    """Open what `open_annotated` does for each of the topics; depth is of the first."""
+    """Open a source as `open_annotated` for each of the topics; depth belongs to the first."""
     names, infos = topics.split() or [''], camera_info.split()
     if len(names) == 1:
         infos = [camera_info]
@@ -171,13 +171,13 @@ def open_each_camera(
         )
     depths = [depth, *[''] * (len(names) - 1)]
     return [
-        open_annotated(path, name, camera_info=info, depth=own, reading=reading, **poses)
-        for name, info, own in zip(names, infos or [''] * len(names), depths, strict=True)
+        open_annotated(path, name, camera_info=info, depth=folder, reading=reading, **poses)
+        for name, info, folder in zip(names, infos or [''] * len(names), depths, strict=True)
     ]
 
 
 def in_order(cameras: Sequence[Source]) -> Source:
-    """Return sources of at least one camera as one, which yields the frames of all in order."""
+    """Return one source, which yields the frames of at least one camera in order of time."""
     return SeveralCameras(list(cameras)) if len(cameras) > 1 else cameras[0]
 
 
@@ -190,12 +190,12 @@ def recordings_in(folder: Path) -> list[Path]:
     """Return the recordings, videos and folders of pictures in a folder, bag2 before bag10."""
     refuse_irregular(folder)
     try:
-        found = sorted(folder.iterdir(), key=natural_key)
-        if pictures_in(folder) or folder / 'metadata.yaml' in found:
+        paths = sorted(folder.iterdir(), key=natural_key)
+        if pictures_in(folder) or folder / 'metadata.yaml' in paths:
             raise SourceError(f'{folder}: is a recording itself; name the folder that it lies in')
     except OSError as error:
         raise SourceError(f'{folder}: {error.strerror}; check the path') from None
-    recordings = [one for one in found if not one.name.startswith('.') and _is_recording(one)]
+    recordings = [path for path in paths if not path.name.startswith('.') and _is_recording(path)]
     if not recordings:
         raise SourceError(
             f'{folder}: no recordings in it: no .mcap, .db3, .bag or video, no folder of pictures'
@@ -210,12 +210,12 @@ def _is_recording(path: Path) -> bool:
 
 
 def is_recording_file(path: Path) -> bool:
-    """Tell whether a name is that of a recording's file, or a video's."""
+    """Return whether a name is that of a recording's file, or a video's."""
     return is_storage_file(path) or path.suffix.lower() in VIDEO_SUFFIXES
 
 
 def holds_recording(folder: Path) -> bool:
-    """Return whether a folder is what a recorder wrote; SourceError if it cannot be read."""
+    """Return whether a recorder wrote a folder; SourceError if it cannot be read."""
     try:
         files = list(folder.iterdir())
         pictures = pictures_in(folder)

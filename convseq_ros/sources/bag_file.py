@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A .bag of ROS 1, read by rosbags, with bounds on what a file can make it do."""
+"""A .bag of ROS 1, read by rosbags, with limits on memory and time for damaged files."""
 
 from collections.abc import Iterator
 import functools
@@ -26,7 +26,7 @@ def index(path: Path, reading: ReadingConfig) -> Index:
 
 
 def messages(path: Path, reading: ReadingConfig, topic: str) -> Iterator[RawMessage]:
-    """Yield the messages of a topic in order of recording; without content if damaged."""
+    """Yield the messages of a topic in order of recording; a damaged one has no content."""
     with _opened(path, reading) as reader:
         chosen = [item for item in reader.connections if item.topic == topic]
         for connection, log_time_ns, data in reader.messages(chosen) if chosen else ():
@@ -39,7 +39,7 @@ def messages(path: Path, reading: ReadingConfig, topic: str) -> Iterator[RawMess
 
 def _opened(path: Path, reading: ReadingConfig) -> Any:
     with path.open('rb') as file:
-        # Else rosbags looks for the end of the first line, wherever that is.
+        # Without this check, rosbags searches the whole file for the end of the first line.
         if file.read(len(_MAGIC)) != _MAGIC:
             raise SourceError('it does not begin as a recording does')
     return _bounded_reader()(path, reading)
@@ -53,7 +53,7 @@ def _bounded_reader() -> type:
     names = {function: name for name, function in decompressors.items()}
 
     class BoundedBag(Reader):
-        """A .bag whose index is read once, and whose chunks are bounded."""
+        """A .bag with limits on the bytes of its index and of its chunks."""
 
         _indexed_bytes = _inflated_bytes = 0
 
@@ -62,7 +62,7 @@ def _bounded_reader() -> type:
             self._reading, self._size = reading, path.stat().st_size
 
         def read_index_data(self, pos: int, indexes: Any) -> None:
-            """Read what a chunk's index says; ValueError once it is more than the file."""
+            """Read a chunk's index; ValueError if indexes are larger than the file in total."""
             assert self.bio
             start = self.bio.tell()
             super().read_index_data(pos, indexes)
@@ -75,7 +75,7 @@ def _bounded_reader() -> type:
 
             def bounded(data: bytes) -> bytes:
                 content = inflate(data, names[chunk.decompressor], self._reading.most_bytes)
-                # One chunk is held: messages of two in turn would have both inflated each time.
+                # Only one chunk is cached: alternating messages inflate their chunks each time.
                 self._inflated_bytes += len(content)
                 self._reading.refuse_bomb('it', self._inflated_bytes, self._size)
                 return content

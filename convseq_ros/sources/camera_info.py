@@ -20,10 +20,10 @@ def read_camera_file(
     path: Path, height: int, width: int, reading: ReadingConfig = ReadingConfig()
 ) -> Camera:
     """
-    Return the camera that a file describes, of images of a height and width; or SourceError.
+    Return the camera that a file describes, for images of a height and width; or SourceError.
 
-    It is YAML as `camera_calibration` writes it, or lines of KITTI's calib.txt, of which the first
-    projection counts.
+    The file is YAML as `camera_calibration` writes it, or KITTI's calib.txt, of which the first
+    projection is used.
     """
     text = read_text(path, 'a calibration', reading, AS_YAML)
     try:
@@ -55,12 +55,12 @@ def _projection(text: str, height: int, width: int) -> Any:
 
 
 def _calibration(path: Path, reading: ReadingConfig) -> Any:
-    said = read_yaml(path, reading)
-    matrix = [float(value) for value in said['camera_matrix']['data']]
-    projection = said.get('projection_matrix', {}).get('data', [0.0] * _PROJECTION)
-    size = int(said['image_width']), int(said['image_height'])
-    numbers = said.get('distortion_coefficients', {}).get('data', [])
-    distortion = str(said.get('distortion_model', '')), [float(value) for value in numbers]
+    content = read_yaml(path, reading)
+    matrix = [float(value) for value in content['camera_matrix']['data']]
+    projection = content.get('projection_matrix', {}).get('data', [0.0] * _PROJECTION)
+    size = int(content['image_width']), int(content['image_height'])
+    numbers = content.get('distortion_coefficients', {}).get('data', [])
+    distortion = str(content.get('distortion_model', '')), [float(value) for value in numbers]
     return _info(*size, matrix, [float(value) for value in projection], *distortion)
 
 
@@ -76,7 +76,7 @@ def _info(
     )  # fmt: skip
 
 
-_MODELS = {'fisheye': 'equidistant'}  # of other names for the same
+_MODELS = {'fisheye': 'equidistant'}  # other names of the same model
 
 
 def camera_from_info(message: Any) -> Camera | None:
@@ -104,21 +104,21 @@ def camera_from_info(message: Any) -> Camera | None:
 def _distortion(message: Any) -> tuple[str, tuple[float, ...]]:
     """Return the model and its coefficients; SourceError if OpenCV could not invert them."""
     model = str(getattr(message, 'distortion_model', ''))
-    found = tuple(float(value) for value in getattr(message, 'd', ()))
-    if not any(found):
+    numbers = tuple(float(value) for value in getattr(message, 'd', ()))
+    if not any(numbers):
         return '', ()
     lengths = COEFFICIENTS.get(_MODELS.get(model, model), ())
-    if len(found) not in lengths or not all(map(math.isfinite, found)):
-        known = ', '.join([*COEFFICIENTS, *_MODELS])
+    if len(numbers) not in lengths or not all(map(math.isfinite, numbers)):
+        names = ', '.join([*COEFFICIENTS, *_MODELS])
         raise SourceError(
-            f'camera_info: distortion {model!r} of {len(found)} numbers cannot be taken out; '
-            f'give finite numbers of one of {known}, or none'
+            f'camera_info: distortion {model!r} of {len(numbers)} numbers cannot be taken out; '
+            f'give finite numbers of one of {names}, or none'
         )
-    return _MODELS.get(model, model), found
+    return _MODELS.get(model, model), numbers
 
 
 def fitted(camera: Camera, height: int, width: int) -> Camera:
-    """Return the camera for images of another size: drivers describe them as if unscaled."""
+    """Return the camera for images of another size: drivers describe the unscaled images."""
     if (camera.height_px, camera.width_px) == (height, width):
         return camera
     across, down = width / camera.width_px, height / camera.height_px

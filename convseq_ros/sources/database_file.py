@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A .db3 of rosbag2: two tables of SQLite, with bounds on what a file can make that do."""
+"""A .db3 of rosbag2: two tables of SQLite, with limits on memory and time."""
 
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -17,9 +17,9 @@ from convseq_ros.sources.topics import Index, merge_topics, Topic
 
 _HEAD = struct.Struct('>16sH10xI')  # magic, bytes in a page (1 = 65536), pages
 _MAGIC = b'SQLite format 3\0'
-# A row takes 4 bytes of its file and some 20 steps of SQLite's machine to be counted.
+# A row takes at least 4 bytes of the file; counting it takes some 20 steps of SQLite's machine.
 _STEPS_AT_ONCE, _STEPS_FREE, _STEPS_A_BYTE = 100_000, 10_000_000, 10
-_ZSTD = b'\x28\xb5\x2f\xfd'  # with which a compressed message begins; others begin with a 0
+_ZSTD = b'\x28\xb5\x2f\xfd'  # start of a compressed message; others start with 0
 _TIMES = 'SELECT min(timestamp), max(timestamp) FROM messages'
 _TOPICS = """
 SELECT name, type, (SELECT count(*) FROM messages WHERE topic_id = topics.id) FROM topics
@@ -31,7 +31,7 @@ WHERE topics.name = ? ORDER BY timestamp
 
 
 def index(path: Path, reading: ReadingConfig) -> Index:
-    """Return what a .db3, or a .db3.zstd, holds; SourceError if it is cut, or computes that."""
+    """Return the index of a .db3 or .db3.zstd; SourceError if cut short or not plain tables."""
     with _opened(path, reading) as database:
         rows = database.execute(_TOPICS).fetchall()
         topics = merge_topics({name: Topic(name, kind, count)} for name, kind, count in rows)
@@ -51,23 +51,23 @@ def messages(path: Path, reading: ReadingConfig, topic: str) -> Iterator[RawMess
 
 @contextmanager
 def _opened(path: Path, reading: ReadingConfig) -> Iterator[sqlite3.Connection]:
-    """Open it to be read alone, without what computes; refuse more than it can hold."""
+    """Open a file read-only; refuse computed tables, and more content than its size allows."""
     with inflated_file(path, reading) as plain:
         size = _checked_size(plain)
         uri = f'{plain.absolute().as_uri()}?immutable=1'
         with closing(sqlite3.connect(uri, uri=True)) as database:
-            left = [_STEPS_FREE + _STEPS_A_BYTE * size]
+            steps_left = [_STEPS_FREE + _STEPS_A_BYTE * size]
 
             def is_too_long() -> bool:
-                left[0] -= _STEPS_AT_ONCE
-                return left[0] < 0
+                steps_left[0] -= _STEPS_AT_ONCE
+                return steps_left[0] < 0
 
             database.set_progress_handler(is_too_long, _STEPS_AT_ONCE)
             database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, reading.most_bytes)
             database.execute('PRAGMA trusted_schema = OFF')
             _refuse_computed(database)
-            held = 'SELECT count(*), coalesce(sum(length(data)), 0) FROM messages'
-            rows, content = database.execute(held).fetchone()
+            query = 'SELECT count(*), coalesce(sum(length(data)), 0) FROM messages'
+            rows, content = database.execute(query).fetchone()
             if rows > size or content > size:
                 raise SourceError(
                     f'its {size} bytes cannot hold {rows} messages of {content} bytes'
@@ -76,7 +76,7 @@ def _opened(path: Path, reading: ReadingConfig) -> Iterator[sqlite3.Connection]:
 
 
 def _checked_size(path: Path) -> int:
-    """Return the size of a database in bytes; SourceError if cut: SQLite reads zeros there."""
+    """Return a database's size in bytes; SourceError if cut: SQLite would read zeros."""
     with path.open('rb') as file:
         head = file.read(_HEAD.size)
     size = path.stat().st_size
@@ -92,10 +92,10 @@ def _checked_size(path: Path) -> int:
 
 
 def _refuse_computed(database: sqlite3.Connection) -> None:
-    for kind, name, told in database.execute('SELECT type, name, sql FROM sqlite_master'):
-        plain = kind in ('table', 'index') and not re.match(r'\s*CREATE\s+VIRTUAL', told or '')
+    for kind, name, text in database.execute('SELECT type, name, sql FROM sqlite_master'):
+        plain = kind in ('table', 'index') and not re.match(r'\s*CREATE\s+VIRTUAL', text or '')
         if not plain:
-            raise SourceError(f'{name} is no plain table; recordings have none such')
+            raise SourceError(f'{name} is not a plain table, as in a recording')
     for table in ('messages', 'topics'):
         for _, name, *_, hidden in database.execute(f'PRAGMA table_xinfo({table})'):
             if hidden:

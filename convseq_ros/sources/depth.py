@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Depth images: of a message, a folder or a recording, and which of several is of a moment."""
+"""Depth images from messages, folders and recordings, and the nearest one to a stamp."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -20,16 +20,16 @@ Depth = npt.NDArray[np.float32]  # (H, W), metres; 0 or not finite where unknown
 DepthAt = Callable[[int, int], Depth | None]  # from a frame's number and its stamp
 
 DEPTH_TYPES = ('sensor_msgs/msg/Image',)
-REACH_NS = 20_000_000  # by which stamps of an image and its depth may differ; a frame takes 33 ms
-KEPT = 8  # depth images that wait for their image
+REACH_NS = 20_000_000  # between the stamps of an image and its depth; frames are 33 ms apart
+KEPT = 8  # maximum number of depth images that wait for their image
 _MM = np.float32(1e-3)
 _KINDS = {'16UC1': 'u2', 'mono16': 'u2', '32FC1': 'f4'}
 
 
 def nearest(stamped: Iterable[tuple[int, Any]], stamp_ns: int) -> Any | None:
-    """Return what has the stamp that is nearest to a time; None if none is within reach."""
-    found = min(stamped, key=lambda one: abs(one[0] - stamp_ns), default=None)
-    return found[1] if found and abs(found[0] - stamp_ns) <= REACH_NS else None
+    """Return the item with the stamp nearest to a time; None if none is within REACH_NS."""
+    best = min(stamped, key=lambda item: abs(item[0] - stamp_ns), default=None)
+    return best[1] if best and abs(best[0] - stamp_ns) <= REACH_NS else None
 
 
 def decode_depth(message: Any, reading: ReadingConfig = ReadingConfig()) -> Depth:
@@ -37,7 +37,7 @@ def decode_depth(message: Any, reading: ReadingConfig = ReadingConfig()) -> Dept
     kind = _KINDS.get(message.encoding)
     if kind is None:
         raise ImageError(
-            f'encoding: {message.encoding!r} is no depth image; expected {", ".join(_KINDS)}'
+            f'encoding: {message.encoding!r} is not a depth image; expected {", ".join(_KINDS)}'
         )
     pixels = pixels_of(message, np.dtype(kind).itemsize, reading)
     typed = np.dtype(('>' if message.is_bigendian else '<') + kind)
@@ -45,12 +45,12 @@ def decode_depth(message: Any, reading: ReadingConfig = ReadingConfig()) -> Dept
 
 
 def metres(numbers: npt.NDArray[Any]) -> Depth:
-    """Return depths of whole millimetres, or of metres, in metres."""
+    """Return depths in metres, given in metres or in whole millimetres."""
     return numbers.astype(np.float32) * (_MM if numbers.dtype.kind == 'u' else np.float32(1))
 
 
 class DepthFolder:
-    """Depth images of a folder, 16 bit, millimetres: the first is the first frame's."""
+    """Depth images of a folder, 16 bit, millimetres; the first belongs to the first frame."""
 
     def __init__(self, path: Path, reading: ReadingConfig, warnings: list[str]) -> None:
         self._pictures = pictures_in(path)
@@ -59,7 +59,7 @@ class DepthFolder:
         self._reading, self._warnings = reading, warnings
 
     def __call__(self, index: int, _stamp_ns: int) -> Depth | None:
-        """Return the depth image of a frame's number; None if there is none."""
+        """Return the depth image of a frame, by the frame's index; None if there is none."""
         if index >= len(self._pictures):
             return None
         picture = self._pictures[index]
@@ -73,15 +73,15 @@ class DepthFolder:
 def _read(picture: Path, reading: ReadingConfig) -> Depth:
     numbers = decoded(picture_bytes(picture, reading), cv2.IMREAD_UNCHANGED, reading)
     if numbers.dtype != np.uint16 or numbers.ndim != 2:
-        raise ImageError('no picture of one channel of 16 bits')
+        raise ImageError('not a picture with one channel of 16 bits')
     return metres(numbers)
 
 
 @dataclass(eq=False)
 class DepthTopic:
-    """Depth images of messages by their stamps; what is damaged is left out, with a warning."""
+    """Depth images of messages, by stamp; damaged ones are left out, with a warning."""
 
-    messages: Any  # of a topic, in order, each time anew
+    messages: Any  # of a topic, in order; can be iterated again
     reading: ReadingConfig
     warnings: list[str]
 
@@ -98,9 +98,9 @@ class DepthTopic:
             if (message := next(self._coming, None)) is None:
                 break
             self._waiting.append((message.stamp_ns, message))
-        found = nearest(self._waiting, stamp_ns)
+        message = nearest(self._waiting, stamp_ns)
         try:
-            return None if found is None else decode_depth(found.image(), self.reading)
+            return None if message is None else decode_depth(message.image(), self.reading)
         except ImageError as error:
             if (
                 line := f'{self.messages.chosen.name}: {error}; its frame has no depth'

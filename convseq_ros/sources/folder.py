@@ -19,7 +19,7 @@ MAX_STAMP_NS = 2**63 - 1
 
 
 def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
-    """Return a sort key that puts img2 before img10; equal numbers are settled by spelling."""
+    """Return a sort key that puts img2 before img10; equal numbers are sorted by spelling."""
     parts = re.findall(r'[0-9]+|[^0-9]+', path.name.casefold())
     keys = [(int(part), '') if part[0] in '0123456789' else (-1, part) for part in parts]
     return keys, path.name
@@ -28,13 +28,13 @@ def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
 def pictures_in(path: Path) -> list[Path]:
     """Return the pictures of a folder, img2 before img10, hidden ones left out; or SourceError."""
     try:
-        named = [one for one in path.iterdir() if one.suffix.lower() in IMAGE_SUFFIXES]
-        shown = [one for one in named if not one.name.startswith('.') and one.is_file()]
+        named = [file for file in path.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES]
+        pictures = [file for file in named if not file.name.startswith('.') and file.is_file()]
     except OSError as error:
         raise SourceError(
             f'{path}: {error.strerror}; check the path and its permissions'
         ) from None
-    return sorted(shown, key=natural_key)
+    return sorted(pictures, key=natural_key)
 
 
 class ImageFolder:
@@ -52,9 +52,9 @@ class ImageFolder:
             raise SourceError(f'{path}: no such folder; give a folder of pictures')
         self._pictures = pictures_in(path)
         if not self._pictures:
-            known = ' '.join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))
+            suffixes = ' '.join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))
             raise SourceError(
-                f'{path}: no pictures and no recording in this folder; expected {known}, '
+                f'{path}: no pictures and no recording in this folder; expected {suffixes}, '
                 'or a .mcap, .db3 or .bag file'
             )
         self._reading = reading

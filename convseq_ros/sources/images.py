@@ -1,11 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-From the fields of an image message, or the bytes of a picture file, to a grey image.
+Converts image messages, and the bytes of picture files, to grey images.
 
-Messages are duck-typed: their data may be bytes, an array or a view. Colour reaches grey by one
-road (BGR, then `gray_from_bgr`), so that a folder, a recording and a camera that show the same
-picture give the same pixels.
+Messages are duck-typed: their data may be bytes, an array or a view. Colour is always converted in
+the same way (BGR, then `gray_from_bgr`), so that the same picture in a folder, a recording and a
+camera's message gives the same pixels.
 """
 
 from contextlib import suppress
@@ -26,24 +26,24 @@ Pixels = npt.NDArray[np.uint8]
 
 _READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 _MEGA = 1_000_000
-_PIXEL_BYTES = 8  # a pixel of four numbers of 16 bits; larger ones belong to small pictures
+_PIXEL_BYTES = 8  # largest pixel of a large picture: four numbers of 16 bits
 _JPEG_START, _JPEG_SCAN, _JPEG_END = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
 
 
 def gray_from_bgr(bgr: Pixels) -> Gray:
-    """Return the grey image (H, W) of one in colour (H, W, 3): the only way from it."""
+    """Return the grey image (H, W) of a colour image (H, W, 3); used by all sources."""
     return _uint8(cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY))
 
 
 def gray_and_color(pixels: Pixels, reading: ReadingConfig) -> tuple[Gray, Pixels | None]:
-    """Return the grey image of pixels (H, W) or (H, W, 3), and a copy of these if that is kept."""
+    """Return the grey image of pixels (H, W) or (H, W, 3), and a copy of colour if it is kept."""
     if pixels.ndim == 2:
         return pixels, None
     return gray_from_bgr(pixels), pixels.copy() if reading.keeps_color else None
 
 
 def message_pixels(message: RawMessage, reading: ReadingConfig = ReadingConfig()) -> Pixels:
-    """Return what a serialized image shows: `compressed_pixels` or `image_pixels`."""
+    """Return the pixels of a serialized image, by `compressed_pixels` or `image_pixels`."""
     decode = compressed_pixels if message.type_name == COMPRESSED_IMAGE else image_pixels
     return decode(message.image(), reading)
 
@@ -52,8 +52,8 @@ def image_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixe
     """
     Return the image of a sensor_msgs/Image: (H, W), or in colour (H, W, 3), blue, green, red.
 
-    It is C-contiguous, and in colour perhaps the message's own memory. ImageError if the encoding
-    is unknown, or size, `step` or `data` do not suit it.
+    It is C-contiguous; a colour image may share the memory of the message. ImageError if the
+    encoding is unknown, or size, `step` or `data` do not suit it.
     """
     encoding = ENCODINGS.get(message.encoding)
     if encoding is None:
@@ -97,8 +97,8 @@ def pixels_of(message: Any, pixel_bytes: int, reading: ReadingConfig) -> Pixels:
         )
     reading.refuse_image(height * width, f'height, width: {height} x {width} px')
     strides = (step, pixel_bytes, 1)
-    shown = np.ndarray((height, width, pixel_bytes), np.uint8, data, 0, strides)
-    return np.ascontiguousarray(shown)
+    view = np.ndarray((height, width, pixel_bytes), np.uint8, data, 0, strides)
+    return np.ascontiguousarray(view)
 
 
 def compressed_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
@@ -114,43 +114,43 @@ def compressed_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) ->
 
 
 def picture_pixels(data: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
-    """Return an encoded picture (H, W, 3) as stored; ImageError, if too large undecoded."""
+    """Return a decoded picture (H, W, 3), not rotated; ImageError if damaged or too large."""
     return _uint8(decoded(data, _READ_FLAGS, reading))
 
 
 def decoded(data: Any, flags: int, reading: ReadingConfig) -> npt.NDArray[Any]:
-    """Return what OpenCV makes of an encoded picture, or ImageError as `picture_pixels`."""
+    """Return a picture as OpenCV decodes it; ImageError as `picture_pixels`."""
     encoded = np.frombuffer(data, np.uint8)
     content = data if isinstance(data, bytes) else encoded.tobytes()
-    asked, found = declared(content), None
-    if asked is not None:
-        reading.refuse_picture(asked, 'data')
+    size, pixels = declared(content), None
+    if size is not None:
+        reading.refuse_picture(size, 'data')
         if _is_cut_jpeg(content):
-            size = encoded.size
-            raise ImageError(f'data: {size} bytes of a JPEG that is cut short; send it whole')
+            count = encoded.size
+            raise ImageError(f'data: {count} bytes of a JPEG that is cut short; send it whole')
         with suppress(cv2.error):
-            found = cv2.imdecode(encoded, flags)
-    if found is None:
+            pixels = cv2.imdecode(encoded, flags)
+    if pixels is None:
         raise ImageError(
             f'data: {encoded.size} bytes cannot be decoded; expected a whole JPEG or PNG'
         )
-    return np.asarray(found)
+    return np.asarray(pixels)
 
 
 def read_picture(path: Path, reading: ReadingConfig = ReadingConfig()) -> Pixels:
-    """Return what a picture file shows, as `picture_pixels`; ImageError, or OSError."""
+    """Return the pixels of a picture file, as `picture_pixels`; ImageError, or OSError."""
     return picture_pixels(picture_bytes(path, reading), reading)
 
 
 def picture_bytes(path: Path, reading: ReadingConfig) -> bytes:
-    """Return what a file holds; ImageError if it is larger than the largest picture can be."""
+    """Return the content of a file; ImageError if it is larger than any allowed picture."""
     size = path.stat().st_size
     reading.refuse_image(size // _PIXEL_BYTES, f'data: {size / _MEGA:.3g} MB')
     return path.read_bytes()
 
 
 def _is_cut_jpeg(data: bytes) -> bool:
-    """Tell a JPEG without its end, which some OpenCV versions fill up with grey."""
+    """Return whether a JPEG lacks its end, which some versions of OpenCV fill with grey."""
     return data.startswith(_JPEG_START) and data.rfind(_JPEG_END) <= data.rfind(_JPEG_SCAN)
 
 
@@ -161,7 +161,7 @@ def _uint8(array: Any) -> npt.NDArray[np.uint8]:
 @dataclass(frozen=True, slots=True)
 class _Encoding:
     bytes_per_pixel: int
-    to_bgr: int | None = None  # how OpenCV converts it; None for grey, and blue, green, red
+    to_bgr: int | None = None  # conversion code of OpenCV; None for grey and for BGR
     min_side: int = 1
     width_multiple: int = 1
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Taking compressed data apart without taking more memory than they declare and may."""
+"""Decompresses data without using more memory than they declare, or than is allowed."""
 
 from bz2 import BZ2Decompressor
 from collections.abc import Callable, Iterator
@@ -18,10 +18,10 @@ _PIECE_BYTES = 1 << 20
 
 def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
     """
-    Return what a whole compressed stream holds; of what is cut, as much as there is.
+    Return the content of a compressed stream; if it is cut short, as much as there is.
 
-    `compression` is 'zstd', 'lz4', 'bz2', or '' for none. SourceError if it holds more than
-    `most_bytes`; what the library of the compression raises, if it is damaged.
+    `compression` is 'zstd', 'lz4', 'bz2', or '' for none. SourceError if the content is larger
+    than `most_bytes`; an error of the compression's library if the stream is damaged.
     """
     if compression not in _INFLATERS:
         raise SourceError(f'compression {compression!r} is unknown; expected zstd or lz4')
@@ -36,7 +36,7 @@ def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
 
 @contextmanager
 def inflated_file(path: Path, reading: ReadingConfig) -> Iterator[Path]:
-    """Give a file that was compressed as a whole (`.zstd`) uncompressed; any other as it is."""
+    """Yield a decompressed copy of a `.zstd` file; any other file as it is."""
     if path.suffix.lower() != '.zstd':
         yield path
         return
@@ -57,10 +57,10 @@ def _zstd(data: bytes, most_bytes: int) -> bytes:
     import zstandard
 
     reader = zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True)
-    pieces, left = [], most_bytes
-    while left and (piece := reader.read(min(left, _PIECE_BYTES))):
+    pieces, bytes_left = [], most_bytes
+    while bytes_left and (piece := reader.read(min(bytes_left, _PIECE_BYTES))):
         pieces.append(piece)
-        left -= len(piece)
+        bytes_left -= len(piece)
     return b''.join(pieces)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""An mcap file, whole or damaged, read from its start up to where it breaks, by chunks."""
+"""An mcap file, read by chunks from its start up to the first damage."""
 
 from collections.abc import Iterator
 from io import BytesIO
@@ -18,19 +18,19 @@ from convseq_ros.sources.topics import Index, merge_topics, Topic
 _MAGIC = b'\x89MCAP0\r\n'
 _HEAD = struct.Struct('<BQ')  # of a record: its kind, and how many bytes follow
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 2, 3, 4, 5, 6
-_CHUNK_HEAD_BYTES = 100  # more than stands before a chunk's records
-# A record that differs from the one before it in two stamps takes more in a compressed file.
+_CHUNK_HEAD_BYTES = 100  # more than the bytes before a chunk's records
+# In a compressed file, a record that differs from the last only in two stamps takes more bytes.
 _FEW_RECORDS, _LEAST_BYTES = 100, 2
 
 
 def index(path: Path, reading: ReadingConfig) -> Index:
-    """Return what a file's summary says; without one, what is there up to where it breaks."""
+    """Return the index by a file's summary; without one, by its content up to the first damage."""
     with inflated_file(path, reading) as plain:
         return _summary(plain, reading) or _counted(plain, reading)
 
 
 def messages(path: Path, reading: ReadingConfig, topic: str) -> Iterator[RawMessage]:
-    """Yield the messages of a topic as they lie in the file; SourceError where it breaks."""
+    """Yield the messages of a topic in the order of the file; SourceError at the first damage."""
     with inflated_file(path, reading) as plain:
         yield from (message for message, name in _messages(plain, reading) if name == topic)
 
@@ -40,17 +40,17 @@ def _summary(path: Path, reading: ReadingConfig) -> Index | None:
 
     try:
         with path.open('rb') as file:
-            found: Any = SeekingReader(file, record_size_limit=reading.most_bytes).get_summary()
-        counts, times = found.statistics.channel_message_counts, found.statistics
+            summary: Any = SeekingReader(file, record_size_limit=reading.most_bytes).get_summary()
+        counts, times = summary.statistics.channel_message_counts, summary.statistics
         topics = merge_topics(
-            {one.topic: Topic(one.topic, found.schemas[one.schema_id].name, counts.get(at, 0))}
-            for at, one in found.channels.items()
-            if one.message_encoding == 'cdr'
+            {item.topic: Topic(item.topic, summary.schemas[item.schema_id].name, counts.get(i, 0))}
+            for i, item in summary.channels.items()
+            if item.message_encoding == 'cdr'
         )
-    except Exception:  # of a damaged file, mcap raises anything
+        duration_ns = max(0, times.message_end_time - times.message_start_time)
+    except Exception:  # mcap may raise any error for a damaged file
         return None
-    duration_s = max(0, times.message_end_time - times.message_start_time) / 1e9
-    return Index(topics, duration_s) if topics else None
+    return Index(topics, duration_ns / 1e9) if topics else None
 
 
 def _counted(path: Path, reading: ReadingConfig) -> Index:
@@ -72,13 +72,13 @@ def _counted(path: Path, reading: ReadingConfig) -> Index:
 
 
 def _messages(path: Path, reading: ReadingConfig) -> Iterator[tuple[RawMessage, str]]:
-    """Yield messages and their topics; SourceError where the file breaks."""
+    """Yield messages and their topics; SourceError at the first damage."""
     types: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
-    left = _FEW_RECORDS + path.stat().st_size // _LEAST_BYTES
+    records_left = _FEW_RECORDS + path.stat().st_size // _LEAST_BYTES
     for kind, record in _records_of_file(path, reading):
-        left -= 1
-        if left < 0:
+        records_left -= 1
+        if records_left < 0:
             raise SourceError('it holds more records than its size allows')
         if kind == _SCHEMA:
             types[record.id] = record.name
@@ -90,7 +90,7 @@ def _messages(path: Path, reading: ReadingConfig) -> Iterator[tuple[RawMessage, 
 
 
 def _records_of_file(path: Path, reading: ReadingConfig) -> Iterator[tuple[int, Any]]:
-    """Yield the kinds of records and the records, also those that lie in chunks."""
+    """Yield the kind and the content of records, also of those in chunks."""
     with path.open('rb') as file:
         size, inflated = os.fstat(file.fileno()).st_size, 0
         if file.read(len(_MAGIC)) != _MAGIC:
@@ -115,7 +115,7 @@ def _records_of_file(path: Path, reading: ReadingConfig) -> Iterator[tuple[int, 
 
 
 def _records(file: IO[bytes], size: int, reading: ReadingConfig) -> Iterator[tuple[int, Any]]:
-    """Yield records of one level; a chunk that is cut is yielded, and then is a SourceError."""
+    """Yield records of one level; after a chunk that is cut short, raise a SourceError."""
     from mcap.data_stream import ReadDataStream
     from mcap.records import Channel, Chunk, Message, Schema
 

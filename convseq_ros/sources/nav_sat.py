@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Poses out of satellite fixes: metres east and north of a point that names their frame."""
+"""Poses from satellite fixes: metres east and north of an origin that names their frame."""
 
 from collections.abc import Iterable, Sequence
 import math
@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 _EQUATOR_M, _FLATTENING = 6378137.0, 1 / 298.257223563  # WGS 84, NIMA TR8350.2
-_DECIMALS = 1  # of the origin's degrees, so that drives of one region share it; up to 8 km away
-FIXES_GAP_NS = 3_000_000_000  # between two fixes, in which poses lie between theirs; at 1 Hz
-_LEAST_WAY_M = 1.0  # between two fixes that tell where the robot heads; fixes scatter
+_DECIMALS = 1  # of the origin's degrees, so that drives of a region share it; at most 8 km away
+FIXES_GAP_NS = 3_000_000_000  # largest gap between fixes that is interpolated; they come at 1 Hz
+_LEAST_WAY_M = 1.0  # between two fixes that give the heading; fixes scatter
 
 
 class Fix(NamedTuple):
@@ -22,11 +22,11 @@ class Fix(NamedTuple):
     stamp_ns: int
     latitude_deg: float
     longitude_deg: float
-    altitude_m: float  # over the ellipsoid; NaN if it is not known
+    altitude_m: float  # over the ellipsoid; 0 if unknown
 
 
 def fix_from_message(stamp_ns: int, message: Any) -> Fix | None:
-    """Return a sensor_msgs/NavSatFix; None if it has no fix or is not on Earth."""
+    """Return the fix of a sensor_msgs/NavSatFix; None if it has none, or an impossible one."""
     latitude, longitude = float(message.latitude), float(message.longitude)
     if message.status.status < 0 or not (abs(latitude) <= 90 and abs(longitude) <= 180):
         return None
@@ -38,23 +38,23 @@ def local_poses(fixes: Sequence[Fix]) -> tuple[list[tuple[int, Pose]], str]:
     """
     Return poses by time, x to the east, y to the north, z up, and the name of their frame.
 
-    The origin is the first fix with its degrees rounded to tenths, and names the frame: what was
-    driven in one region is in one frame. A robot heads where it moves, or moved last.
+    The origin is the first fix with its degrees rounded to tenths. It names the frame, so drives
+    in one region share a frame. The heading is the direction of the last movement.
     """
     if not fixes:
         return [], ''
-    latitude, longitude = (round(one, _DECIMALS) + 0.0 for one in fixes[0][1:3])
+    latitude, longitude = (round(degrees, _DECIMALS) + 0.0 for degrees in fixes[0][1:3])
     origin, axes = _in_space(latitude, longitude, 0.0), _axes(latitude, longitude)
-    ways = [axes @ (_in_space(*fix[1:]) - origin) for fix in fixes]
+    local = [axes @ (_in_space(*fix[1:]) - origin) for fix in fixes]
     poses = [
         (fix.stamp_ns, Pose((x, y, z), (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))))
-        for fix, (x, y, z), yaw in zip(fixes, np.array(ways).tolist(), _courses(ways), strict=True)
+        for fix, (x, y, z), yaw in zip(fixes, np.array(local).tolist(), _yaws(local), strict=True)
     ]
     return poses, f'ENU {latitude:.{_DECIMALS}f} {longitude:.{_DECIMALS}f}'
 
 
 def _in_space(latitude: float, longitude: float, height_m: float) -> npt.NDArray[np.float64]:
-    """Return a place on Earth, degrees, in metres from its centre."""
+    """Return the position (3,) of a place on Earth, in metres from its centre."""
     sine, cosine = math.sin(math.radians(latitude)), math.cos(math.radians(latitude))
     squared = _FLATTENING * (2 - _FLATTENING)
     radius = _EQUATOR_M / math.sqrt(1 - squared * sine**2)
@@ -69,23 +69,23 @@ def _in_space(latitude: float, longitude: float, height_m: float) -> npt.NDArray
 
 
 def _axes(latitude: float, longitude: float) -> npt.NDArray[np.float64]:
-    """Return the directions east, north and up, (3, 3), one a row."""
+    """Return the directions east, north and up as rows (3, 3)."""
     north, east = math.radians(latitude), math.radians(longitude)
     up = (math.cos(north) * math.cos(east), math.cos(north) * math.sin(east), math.sin(north))
     to_east = (-math.sin(east), math.cos(east), 0.0)
     return np.array((to_east, np.cross(up, to_east), up))
 
 
-def _courses(ways: Iterable[npt.NDArray[np.float64]]) -> list[float]:
-    """Return where each step heads, radians from the east to the left."""
-    found: list[float | None] = []
+def _yaws(points: Iterable[npt.NDArray[np.float64]]) -> list[float]:
+    """Return the heading at each point, in radians counter-clockwise from the east."""
+    headings: list[float | None] = []
     last: npt.NDArray[np.float64] | None = None
-    course: float | None = None
-    for here in ways:
-        if last is None or math.hypot(*(here - last)[:2]) >= _LEAST_WAY_M:
+    heading: float | None = None
+    for point in points:
+        if last is None or math.hypot(*(point - last)[:2]) >= _LEAST_WAY_M:
             if last is not None:
-                course = math.atan2(here[1] - last[1], here[0] - last[0])
-            last = here
-        found.append(course)
-    first = next((one for one in found if one is not None), 0.0)
-    return [first if one is None else one for one in found]
+                heading = math.atan2(point[1] - last[1], point[0] - last[0])
+            last = point
+        headings.append(heading)
+    first = next((heading for heading in headings if heading is not None), 0.0)
+    return [first if heading is None else heading for heading in headings]

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Poses of a text file, as TUM or KITTI write them."""
+"""Poses from a text file in the format of TUM or KITTI."""
 
 from collections.abc import Callable
 from decimal import Decimal
@@ -17,26 +17,26 @@ import numpy as np
 import numpy.typing as npt
 
 PoseAt = Callable[[int, int], Pose | None]  # from a frame's number and stamp in nanoseconds
-_TUM, _KITTI = 8, 12  # numbers in a line
-# KITTI's axes are those of a lens (x right, y down, z ahead), ours those of a robot (REP-103: x
-# ahead, y left, z up).
+_TUM, _KITTI = 8, 12  # numbers per line
+# KITTI uses the axes of a lens (x right, y down, z ahead), ROS those of a robot (REP-103: x ahead,
+# y left, z up).
 _TO_ROBOT = ROBOT_LENS[:3, :3]
-_ROTATION_ERROR = 1e-3  # of a product of axes; files have six digits
+_ROTATION_ERROR = 1e-3  # maximum error of a product of axes; files have six digits
 
 
 def read_pose_file(path: Path, frames: int, reading: ReadingConfig = ReadingConfig()) -> PoseAt:
     """
-    Return the poses of a file, one a line; SourceError if it is none.
+    Return a function that gives a frame's pose from a file with one pose per line; or SourceError.
 
-    A line of 8 numbers is TUM's: stamp in seconds, position, quaternion; frames between two stamps
-    lie between their poses. A line of 12 is KITTI's, the 3 x 4 matrix of the camera, one for each
-    of the `frames`; its axes, those of a lens, become those of a robot.
+    A line of 8 numbers is TUM's: stamp in seconds, position, quaternion; poses are interpolated
+    between two stamps. A line of 12 numbers is KITTI's: the 3 x 4 matrix of the camera, one for
+    each of the `frames`; its axes are converted from those of a lens to those of a robot.
     """
-    text = read_text(path, 'a text file of poses, one a line', reading)
+    text = read_text(path, 'a text file with one pose per line', reading)
     lines = [(number, line.split()) for number, line in enumerate(text.splitlines(), 1)]
     rows = [(number, words) for number, words in lines if words and not words[0].startswith('#')]
     if not rows:
-        raise SourceError(f'{path}: holds no pose; give one a line')
+        raise SourceError(f'{path}: holds no pose; give one per line')
     size, stamped = len(rows[0][1]), list[tuple[int, Pose]]()
     for number, words in rows:
         if len(words) != size or size not in (_TUM, _KITTI):
@@ -49,7 +49,7 @@ def read_pose_file(path: Path, frames: int, reading: ReadingConfig = ReadingConf
         except ValueError as error:
             raise SourceError(f'{path}, line {number}: {str(error)[:200]}') from None
     if size == _TUM:
-        track = PoseTrack(sorted(stamped, key=lambda one: one[0]))
+        track = PoseTrack(sorted(stamped, key=lambda item: item[0]))
         return lambda _index, stamp_ns: track.at(stamp_ns)
     if len(rows) != frames:
         raise SourceError(
@@ -73,7 +73,7 @@ def _tum(words: list[str]) -> tuple[int, Pose]:
     except ArithmeticError:
         is_stamp = False
     if not is_stamp:
-        raise ValueError(f'{words[0][:80]} is no stamp in seconds')
+        raise ValueError(f'{words[0][:80]} is not a stamp in seconds')
     x, y, z, *turn = _numbers(words[1:]).tolist()
     length = math.hypot(*turn)
     if not length:

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the camera was at any time: stamped poses."""
+"""The pose of the camera at any time, from stamped poses."""
 
 from bisect import bisect_left
 from collections.abc import Iterable
@@ -18,10 +18,10 @@ _NEARLY_PARALLEL = 0.9995
 
 class PoseTrack:
     """
-    Poses in order of time, interpolated between neighbours, and a little beyond the last.
+    Poses in order of time, interpolated between neighbours, and extrapolated up to 0.1 s.
 
-    Stamps are nanoseconds, ascending. The newest `kept` are remembered, by default all. Between
-    two poses that are further apart than `longest_gap_ns`, by default a second, there are none.
+    Stamps are nanoseconds, ascending. At least the newest `kept` poses are stored, by default all.
+    There is no pose between two that are further apart than `longest_gap_ns`, by default 1 s.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class PoseTrack:
         return self._stamps[-1] if self._stamps else None
 
     def add(self, stamp_ns: int, pose: Pose) -> None:
-        """Append a pose that is newer; one that is over a second older is a jump of the clock."""
+        """Append a newer pose; if a pose is over a second older, the clock was set back."""
         late_ns = self._stamps[-1] - stamp_ns if self._stamps else -1
         if late_ns > _CLOCK_JUMP_NS:
             self._stamps.clear()
@@ -55,7 +55,7 @@ class PoseTrack:
             del self._stamps[: -self._kept], self._poses[: -self._kept]
 
     def at(self, stamp_ns: int) -> Pose | None:
-        """Return the pose at a time, up to .1 s after the last; None where it is unknown."""
+        """Return the pose at a time, up to 0.1 s after the last one; None if it is unknown."""
         after = bisect_left(self._stamps, stamp_ns)
         if after < len(self._stamps) and self._stamps[after] == stamp_ns:
             return self._poses[after]
@@ -87,7 +87,7 @@ def pose_from_message(pose: Any) -> Pose | None:
 
 
 def _between(first: Pose, second: Pose, share: float) -> Pose:
-    """Return the pose at a share of the way, which may be more than 1."""
+    """Return the pose at a share of the way between two; the share may exceed 1."""
     position = (1 - share) * np.array(first.position) + share * np.array(second.position)
     start, end = np.array(first.orientation), np.array(second.orientation)
     cosine = float(start @ end)

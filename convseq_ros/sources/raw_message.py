@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Messages as they are sent and recorded, in CDR, and what images among them hold.
+Serialized messages (CDR) as they are sent and recorded, and the fields of images.
 
-What deserializes every message of ROS copies an image of a megabyte twice, or takes a tenth of a
-second to start: too long for a robot's 30 images a second, and for its start.
+General deserializers copy an image of a megabyte twice, or take a tenth of a second to start. That
+is too long for 30 images a second, and for the start of the node.
 """
 
 import struct
@@ -17,12 +17,12 @@ IMAGE, COMPRESSED_IMAGE = IMAGE_TYPES = (
     'sensor_msgs/msg/CompressedImage',
 )
 MAX_STAMP_NS = 2**63 - 1
-_HEADER_END = 4  # bytes that say how the others lie; these are aligned from there on
-STAMP_END = 12  # after seconds and nanoseconds, with which a std_msgs/Header starts
+_HEADER_END = 4  # bytes that give the byte order; fields are aligned from there on
+STAMP_END = 12  # end of seconds and nanoseconds, with which a std_msgs/Header starts
 
 
 class ImageMessage(NamedTuple):
-    """A sensor_msgs/Image but for its header."""
+    """A sensor_msgs/Image without its header."""
 
     height: int
     width: int
@@ -33,7 +33,7 @@ class ImageMessage(NamedTuple):
 
 
 class CompressedMessage(NamedTuple):
-    """A sensor_msgs/CompressedImage but for its header."""
+    """A sensor_msgs/CompressedImage without its header."""
 
     format: str
     data: memoryview  # bytes of the message
@@ -75,7 +75,7 @@ class RawMessage(NamedTuple):
 
 
 def damaged(message: RawMessage, error: Exception) -> ImageError:
-    """Return what to raise of a message that cannot be read."""
+    """Return the error for a message that cannot be read."""
     size, kind = len(message.cdr), message.type_name
     return ImageError(f'a {kind} of {size} bytes is damaged ({one_line(error)})')
 
@@ -89,9 +89,9 @@ class _Fields:
 
     def numbers(self, count: int) -> tuple[int, ...]:
         first = -(-self._at // 4) * 4
-        found = struct.unpack_from(f'{self._order}{count}I', self._bytes, first)
+        values = struct.unpack_from(f'{self._order}{count}I', self._bytes, first)
         self._at = first + 4 * count
-        return found
+        return values
 
     def octet(self) -> int:
         self._at += 1

@@ -28,7 +28,7 @@ from convseq_ros.sources.topics import (
 
 class TopicMessages:
     """
-    The messages of a topic of a recording, chosen by `choose_topic`, in order, each time anew.
+    The messages of a recording's topic, chosen by `choose_topic`; can be iterated again.
 
     SourceError if there is no such topic; while iterating, if the recording is damaged.
     """
@@ -56,8 +56,8 @@ class Recording:
     """
     The images of a ROS 1 or ROS 2 recording, in the order in which they were recorded.
 
-    A message that cannot be decoded gives a frame without an image that says why. `warnings`, one
-    line each, grow while the recording is read. SourceError as of `TopicMessages`.
+    The frame of a message that cannot be decoded has a `problem` and no image. `warnings`, one
+    line each, grow while the recording is read. SourceError as in `TopicMessages`.
     """
 
     pose_frame = ''
@@ -66,11 +66,11 @@ class Recording:
         self, path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
     ) -> None:
         self._path, self._reading = path, reading
-        self._found = TopicMessages(path, topic, IMAGE_TYPES, '--topic', reading)
-        self.name, self.warnings = path.resolve().name, self._found.warnings
-        self.topic, self.type_name = self._found.chosen.name, self._found.chosen.type_name
-        self._count = min(self._found.chosen.count, sys.maxsize)
-        for storage in self._found.storages:
+        self._messages = TopicMessages(path, topic, IMAGE_TYPES, '--topic', reading)
+        self.name, self.warnings = path.resolve().name, self._messages.warnings
+        self.topic, self.type_name = self._messages.chosen.name, self._messages.chosen.type_name
+        self._count = min(self._messages.chosen.count, sys.maxsize)
+        for storage in self._messages.storages:
             if storage.damage:
                 saved = storage.topics.get(self.topic)
                 count = saved.count if saved else 0
@@ -95,12 +95,12 @@ class Recording:
             yield Frame(message.stamp_ns, gray, self.topic, color=color)
 
     def messages(self) -> Iterator[RawMessage]:
-        """Yield the image messages undecoded, as CDR, but for those too damaged for a stamp."""
+        """Yield the image messages undecoded, as CDR, except for those that have no stamp."""
         return (message for message in self._raw_messages() if len(message.cdr) >= STAMP_END)
 
     def _raw_messages(self) -> Iterator[RawMessage]:
         count = 0
-        for message in self._found:
+        for message in self._messages:
             count += 1
             yield message
         if not count:
@@ -122,7 +122,7 @@ class Recording:
 def read_poses(
     path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
 ) -> list[tuple[int, Pose]]:
-    """Return what `read_poses_in` does, without their frame."""
+    """Return the poses of `read_poses_in` without their frame."""
     return read_poses_in(path, topic, reading)[0]
 
 
@@ -130,24 +130,24 @@ def read_poses_in(
     path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
 ) -> tuple[list[tuple[int, Pose]], str]:
     """
-    Return the poses of a topic by their stamps, and their frame, if others may be in it, or ''.
+    Return stamped poses of a topic, and their frame if other recordings may share it, else ''.
 
-    It is of odometry, PoseStamped, PoseWithCovarianceStamped or NavSatFix, and may be left out if
-    there is only one. What is damaged or not finite is left out. SourceError if nothing is usable.
+    The topic is of Odometry, PoseStamped, PoseWithCovarianceStamped or NavSatFix; it may be left
+    out if there is only one. Damaged and infinite poses are skipped; SourceError if none is left.
     """
     messages = TopicMessages(path, topic, POSE_TYPES + FIX_TYPES, '--odom', reading)
-    found = sorted((one for message in messages if (one := _pose(message))), key=itemgetter(0))
-    if not found:
+    poses = sorted((pose for message in messages if (pose := _pose(message))), key=itemgetter(0))
+    if not poses:
         name = messages.chosen.name
         raise SourceError(f'{path}: no pose of {name} is whole and finite; choose another topic')
-    fixes = [one for one in found if isinstance(one, Fix)]
+    fixes = [pose for pose in poses if isinstance(pose, Fix)]
     if fixes:
         return local_poses(fixes)
-    return [one for one in found if not isinstance(one, Fix)], ''
+    return [pose for pose in poses if not isinstance(pose, Fix)], ''
 
 
 def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Camera:
-    """Return the first calibrated camera of a topic, or of the only one; SourceError if none."""
+    """Return the first calibrated camera of a topic, by default the only one; or SourceError."""
     messages = TopicMessages(path, topic, CAMERA_TYPES, '--camera-info', reading)
     problem = 'K and P are zero, so it is not calibrated'
     for message in messages:
@@ -168,6 +168,6 @@ def _pose(message: RawMessage) -> tuple[int, Pose] | Fix | None:
         return None
     if message.type_name in FIX_TYPES:
         return fix_from_message(message.stamp_ns, decoded)
-    own = decoded.pose if message.type_name == POSE_TYPES[1] else decoded.pose.pose
-    pose = pose_from_message(own)
+    plain = decoded.pose if message.type_name == POSE_TYPES[1] else decoded.pose.pose
+    pose = pose_from_message(plain)
     return None if pose is None else (message.stamp_ns, pose)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a recording, whole or damaged, behind one interface."""
+"""One interface to the files of a recording, complete or damaged."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,26 +27,26 @@ class Storage:
     """
     One file of a recording: its `topics` by name, and `duration_s` from first to last message.
 
-    `damage` says what is wrong with a file that can be read up to where it breaks; else it is
-    empty. SourceError if nothing can be read; while iterating, if it breaks unexpectedly.
+    `damage` describes the damage of a file that can be read in part; otherwise it is empty.
+    SourceError if nothing can be read; while iterating, at unexpected damage.
     """
 
     def __init__(self, path: Path, reading: ReadingConfig) -> None:
         refuse_irregular(path)
         self.path, self._reading = path, reading
-        known = _NAME.search(path.name.lower())
-        if not known:
+        name = _NAME.search(path.name.lower())
+        if not name:
             raise SourceError(
                 f'{path}: not a recording; expected a folder or a {", ".join(_FORMATS)} file'
             )
         typestore()
-        self._format, repair = _FORMATS[known[1]]
+        self._format, repair = _FORMATS[name[1]]
         self._advice = f'repair it with `{repair}` or record again'
         try:
             self.topics, self.duration_s, damage = self._format.index(path, reading)
         except ImportError as error:
-            name = (error.name or '').partition('.')[0]
-            raise SourceError(f'{path}: {name} is missing; {pip_install(name)}') from None
+            package = (error.name or '').partition('.')[0]
+            raise SourceError(f'{path}: {package} is missing; {pip_install(package)}') from None
         except Exception as error:
             raise SourceError(
                 f'{path}: not a readable recording ({one_line(error)}); {self._advice}'
@@ -70,7 +70,7 @@ class Storage:
 
 
 def is_storage_file(path: Path) -> bool:
-    """Tell whether a name is that of a recording's file, compressed as a whole or not."""
+    """Return whether a name is that of a recording's file, which may be compressed."""
     return _NAME.search(path.name.lower()) is not None
 
 
@@ -78,10 +78,10 @@ def open_storage(
     path: Path, reading: ReadingConfig = ReadingConfig()
 ) -> tuple[list[Storage], list[str]]:
     """
-    Open whatever can be read of a recording's file, or of a folder of them; or SourceError.
+    Open a recording's file, or all readable ones in a folder; SourceError if there is none.
 
-    Return its storages in the natural order of their names, and a line for every file that had to
-    be left out.
+    Return the storages in the natural order of their names, and a line for every file that was
+    left out.
     """
     refuse_irregular(path)
     if not path.exists():

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of a recording, and what its messages hold."""
+"""The topics of a recording, and the fields of its messages."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ FIX_TYPES = ('sensor_msgs/msg/NavSatFix',)
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """What a recording tells of one of its topics."""
+    """A topic of a recording."""
 
     name: str
     type_name: str
@@ -35,15 +35,15 @@ class Topic:
 
 
 class Index(NamedTuple):
-    """What there is to know of a recording's file before its messages are read."""
+    """The content of a recording's file, available before its messages are read."""
 
     topics: dict[str, Topic]
     duration_s: float  # from the first message of any topic to the last
-    damage: str = ''  # what is wrong with the file, though it can be read to some extent
+    damage: str = ''  # of a file that can be read in part; else empty
 
 
 def merge_topics(tables: Iterable[Mapping[str, Topic]]) -> dict[str, Topic]:
-    """Return one table of the topics of several files; messages of a topic are added up."""
+    """Return one table of the topics of several files; the counts of a topic are added."""
     merged: dict[str, Topic] = {}
     for table in tables:
         for name, topic in table.items():
@@ -56,13 +56,13 @@ def merge_topics(tables: Iterable[Mapping[str, Topic]]) -> dict[str, Topic]:
 def choose_topic(
     path: Path, topics: Mapping[str, Topic], wanted: str, types: tuple[str, ...], option: str
 ) -> Topic:
-    """Return the wanted topic, or the only one of some types; SourceError lists them, to paste."""
+    """Return the wanted topic, or the only one of some types; else a SourceError lists them."""
     fitting = [topic for topic in topics.values() if topic.type_name in types and topic.count > 0]
     if not fitting:
         kind = ' or '.join(name.split('/')[-1] for name in types)
-        found = ', '.join(f'{topic.name} ({topic.type_name})' for topic in topics.values())
+        others = ', '.join(f'{topic.name} ({topic.type_name})' for topic in topics.values())
         raise SourceError(
-            f'{path}: no {kind} messages in this recording; it holds {found or "nothing"}'
+            f'{path}: no {kind} messages in this recording; it holds {others or "nothing"}'
         )
     listing = ''.join(f'\n{option} {topic}' for topic in fitting)
     if not wanted:

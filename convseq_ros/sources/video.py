@@ -16,7 +16,7 @@ VIDEO_SUFFIXES = frozenset({'.mp4', '.avi', '.mkv', '.mov', '.webm', '.m4v', '.m
 
 
 class Video:
-    """The frames of a video, by its frame rate from 0; SourceError if OpenCV cannot read it."""
+    """The frames of a video, stamped by its frame rate from 0 on; or SourceError."""
 
     pose_frame = ''
 
@@ -46,8 +46,8 @@ class Video:
         count = 0
         try:
             while True:
-                there, image = capture.read()
-                if not there:
+                is_read, image = capture.read()
+                if not is_read:
                     break
                 gray, color = gray_and_color(np.asarray(image, np.uint8), self._reading)
                 source = f'{self.name} {count}'

@@ -48,7 +48,7 @@ def test_the_own_map_answers_alone_when_the_fleet_is_gone(client, vpr, street, i
         camera.publish(image(street[index], index * SECOND + 7))
     client.wait_for(lambda: len(own) == 4)
     assert client.values_of(own[-1])['reference_index'] == '3'
-    said = 'the fleet does not answer, the own map does'
+    said = "the fleet does not answer, only the node's map does"
     client.wait_for(lambda: states and said in states[-1].status[0].message)
     assert states[-1].status[0].level == DiagnosticStatus.WARN
     assert client.values_of(states[-1])['fleet_answered'] == '0'

@@ -135,7 +135,7 @@ def test_a_camera_that_only_sends_jpegs_is_found(client, vpr, map_path):
 def test_several_cameras_are_named_and_none_is_taken(client, vpr, map_path, capfd):
     offered(client, (Image, '/left/image'), (Image, '/right/image'))
     node = vpr(map_path=map_path)
-    client.wait_for(lambda: node._finder._told)
+    client.wait_for(lambda: node._finder._reported)
     assert node._topic == '/image'
     assert '-r image:=/left/image or -r image:=/right/image' in node._advice()
     text = []

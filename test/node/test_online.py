@@ -221,7 +221,7 @@ def test_diagnostics_say_so_for_as_long_as_the_map_cannot_be_written(
     diagnostics.clear()
     client.wait_for(lambda: len(diagnostics) > 5)
     assert levels() == {DiagnosticStatus.ERROR}
-    assert 'new.db: what the map gains cannot be written' in diagnostics[-1].status[0].message
+    assert 'new.db: new places cannot be written' in diagnostics[-1].status[0].message
     answer = client.call(Trigger, '/vpr_node/save_map')
     assert not answer.success and 'was moved or replaced' in answer.message
     away.rename(path)

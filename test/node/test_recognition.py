@@ -118,7 +118,7 @@ def test_the_old_map_is_completed_when_another_takes_over(setup, monkeypatch):
     monkeypatch.setattr(old, 'close', Mock(side_effect=MapError('map.db: disk full')))
     setup.recognition.swap(Session(None, CONFIG))
     assert setup.recognition.session is not old
-    assert setup.statistics.unkept == 1
+    assert setup.statistics.write_failures == 1
 
 
 @pytest.mark.parametrize('mode', ['preloaded', 'online'])
@@ -148,7 +148,7 @@ SECOND = 1_000_000_000
 def quick(monkeypatch):
     """Have the log looked after often."""
     monkeypatch.setattr(diagnostics, '_LOOK_S', 0.05)
-    monkeypatch.setattr(diagnostics, '_TELL_S', 0.1)
+    monkeypatch.setattr(diagnostics, '_LOG_S', 0.1)
 
 
 @pytest.fixture

@@ -67,7 +67,7 @@ def test_a_frame_gets_the_pose_of_its_stamp_and_a_camera_of_its_size(
         for x in (0, 1, 2):
             odom.publish(odometry(x, (10 + x) * SECOND))
         info.publish(camera_info([2 * value for value in K], 320, 240))
-        return surroundings.odometry.heard and surroundings.camera.known
+        return surroundings.odometry.heard and surroundings.camera.is_calibrated
 
     client.wait_for(heard)
     camera = client.camera(Image)
@@ -85,10 +85,10 @@ def test_bad_camera_info_is_one_warning_and_no_camera(client, frames, street, im
     node, seen = frames
     info = client.camera(CameraInfo, '/camera_info')
     info.publish(camera_info())
-    client.wait_for(lambda: node._frame_context.camera.known)
+    client.wait_for(lambda: node._frame_context.camera.is_calibrated)
     for _ in range(3):
         info.publish(camera_info(width=0))
-    client.wait_for(lambda: not node._frame_context.camera.known)
+    client.wait_for(lambda: not node._frame_context.camera.is_calibrated)
     client.camera(Image).publish(image(street[0], SECOND))
     client.wait_for(lambda: seen)
     assert seen[0].camera is None
