@@ -27,7 +27,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Status
 from convseq_ros.fleet import shard
-from convseq_ros.fleet.cluster import Cluster, connected, done
+from convseq_ros.fleet.cluster import Cluster, connected, finished_jobs
 from convseq_ros.fleet.fleet import Fleet
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
@@ -139,9 +139,9 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
             # Once for imports and kernels of each worker.
             warm = {name: (path, maps / f'warm-{name}.db', *rest)
                     for name, (path, _, *rest) in [*jobs.items()][: 2 * workers]}  # fmt: skip
-            [*done(client, build_one, warm)]
+            [*finished_jobs(client, build_one, warm)]
             started_s = time.monotonic()
-            [*done(client, build_one, jobs)]
+            [*finished_jobs(client, build_one, jobs)]
             took_s.setdefault(workers, []).append(time.monotonic() - started_s)
     return {
         'images': chosen.recordings * chosen.images,

@@ -42,7 +42,7 @@ def one_line(error: BaseException, limit: int = 200) -> str:
     return (line if isinstance(error, ConvseqError) else line[:limit]) or type(error).__name__
 
 
-def in_full(error: Exception) -> str:
+def with_traceback(error: Exception) -> str:
     """Return an error's message, with the traceback if the error is not an expected one."""
     if isinstance(error, ConvseqError | OSError):
         return str(error)

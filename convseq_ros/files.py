@@ -63,7 +63,7 @@ def _plain(loader: Any, path: Path) -> Any:
         loader.dispose()
 
 
-def made_record(kind: type[Record], content: Any, where: str, base: Path = Path()) -> Record:
+def make_record(kind: type[Record], content: Any, where: str, base: Path = Path()) -> Record:
     """
     Return a dataclass with the values of a mapping; relative paths start at `base`.
 
@@ -90,7 +90,7 @@ def _suited(kind: Any, value: Any, where: str, base: Path) -> Any:
     """Return a value in the type of a field; ConfigError if its type does not suit."""
     for option in get_args(kind) or (kind,):
         if is_dataclass(option):
-            return made_record(option, value, where, base)  # type: ignore[arg-type]
+            return make_record(option, value, where, base)  # type: ignore[arg-type]
         if option is Path:
             if get_origin(kind) is not Mapping:
                 return base / str(value)

@@ -22,14 +22,14 @@ _COLOUR_BITS = 24
 _NETPBM_SIZE = re.compile(rb'\s+(\d{1,10})\s+(\d{1,10})\s')  # numbers of 32 bits
 
 
-class Declared(NamedTuple):
+class DeclaredSize(NamedTuple):
     """Size of a picture, as its header declares it."""
 
     pixels: int  # that a decoder allocates, at 3 bytes each
     passes: int = 1  # of the decoder over all pixels: the scans of a JPEG
 
 
-def declared(data: bytes) -> Declared | None:
+def declared_size(data: bytes) -> DeclaredSize | None:
     """Return the declared size; None if the picture's kind is unknown or its header is damaged."""
     for magic, read in _READERS:
         if re.match(magic, data, re.DOTALL):
@@ -40,7 +40,7 @@ def declared(data: bytes) -> Declared | None:
     return None
 
 
-def _jpeg(data: bytes) -> Declared:
+def _jpeg(data: bytes) -> DeclaredSize:
     at = 2
     while True:
         # Like libjpeg, skip bytes that are not a marker.
@@ -51,12 +51,12 @@ def _jpeg(data: bytes) -> Declared:
         at += 1
         if marker in _JPEG_FRAMES:
             height, width = struct.unpack_from('>HH', data, at + 3)
-            return Declared(width * height, max(1, data.count(_JPEG_SCAN, at)))
+            return DeclaredSize(width * height, max(1, data.count(_JPEG_SCAN, at)))
         if marker and marker not in _JPEG_ALONE:
             at += struct.unpack_from('>H', data, at)[0]
 
 
-def _png(data: bytes) -> Declared:
+def _png(data: bytes) -> DeclaredSize:
     at = 8
     for _ in range(_MOST_CHUNKS):
         if at + _CHUNK_HEAD_BYTES > len(data):
@@ -71,23 +71,23 @@ def _png(data: bytes) -> Declared:
     else:
         raise ValueError('more chunks than any picture has')
     width, height = struct.unpack_from('>II', data, 16)
-    return Declared(width * height)
+    return DeclaredSize(width * height)
 
 
-def _bmp(data: bytes) -> Declared:
+def _bmp(data: bytes) -> DeclaredSize:
     (head,) = struct.unpack_from('<I', data, 14)
     width, height = struct.unpack_from('<HH' if head == 12 else '<ii', data, 18)
-    return Declared(abs(width * height))
+    return DeclaredSize(abs(width * height))
 
 
-def _netpbm(data: bytes) -> Declared:
+def _netpbm(data: bytes) -> DeclaredSize:
     size = _NETPBM_SIZE.match(re.sub(rb'#[^\n]*', b'', data[2:1024]))
     if not size:
         raise ValueError('its size is not two numbers')
-    return Declared(int(size[1]) * int(size[2]))
+    return DeclaredSize(int(size[1]) * int(size[2]))
 
 
-def _webp(data: bytes) -> Declared:
+def _webp(data: bytes) -> DeclaredSize:
     kind, at = data[12:16], 20
     if kind == b'VP8X':
         width = int.from_bytes(data[at + 4 : at + 7], 'little') + 1
@@ -97,10 +97,10 @@ def _webp(data: bytes) -> Declared:
         width, height = (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
     else:
         width, height = (side & 0x3FFF for side in struct.unpack_from('<HH', data, at + 6))
-    return Declared(width * height)
+    return DeclaredSize(width * height)
 
 
-def _tiff(data: bytes) -> Declared:
+def _tiff(data: bytes) -> DeclaredSize:
     order = '<' if data[:2] == b'II' else '>'
     (at,) = struct.unpack_from(order + 'I', data, 4)
     (entries,) = struct.unpack_from(order + 'H', data, at)
@@ -114,10 +114,10 @@ def _tiff(data: bytes) -> Declared:
     bits = tags.get(_TIFF_BITS, 1) * tags.get(_TIFF_SAMPLES, 1)
     tile = tags.get(_TIFF_TILE_WIDTH, 0) * tags.get(_TIFF_TILE_HEIGHT, 0)
     pixels = max(tags[_TIFF_WIDTH] * tags[_TIFF_HEIGHT], tile)
-    return Declared(max(pixels, pixels * bits // _COLOUR_BITS))
+    return DeclaredSize(max(pixels, pixels * bits // _COLOUR_BITS))
 
 
-_READERS: tuple[tuple[bytes, Callable[[bytes], Declared]], ...] = (
+_READERS: tuple[tuple[bytes, Callable[[bytes], DeclaredSize]], ...] = (
     (rb'\xff\xd8', _jpeg),
     (rb'\x89PNG\r\n\x1a\n.{4}IHDR', _png),
     (rb'BM', _bmp),

@@ -31,7 +31,7 @@ _THREAD_COUNTS = 'OPENBLAS_NUM_THREADS', 'OPENCV_FOR_THREADS_NUM'
 _later: Callable[[], None] | None = None
 
 
-def work_alone() -> None:
+def use_one_thread() -> None:
     """Limit BLAS and OpenCV, imported later, to one thread unless the environment sets more."""
     for name in _THREAD_COUNTS:
         os.environ.setdefault(name, '1')

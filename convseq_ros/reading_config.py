@@ -9,7 +9,7 @@ from pathlib import Path
 
 from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.parameter import add_parameters, Checked, given, parameter, parameters
-from convseq_ros.picture_header import Declared, USUAL_SCANS
+from convseq_ros.picture_header import DeclaredSize, USUAL_SCANS
 
 # Cost of a byte of a file, relative to a byte of an array: text takes several bytes in Python,
 # and YAML takes long: 0.1 MB a second, with rosbags' reader 0.06 MB.
@@ -56,7 +56,7 @@ class ReadingConfig(Checked):
         if line := self.above('max_image_mpx', pixels / _MEGA, what):
             raise ImageError(line)
 
-    def refuse_picture(self, size: Declared, what: str) -> None:
+    def refuse_picture(self, size: DeclaredSize, what: str) -> None:
         """Raise an ImageError if a picture is too large to be decoded, or has too many scans."""
         mpx, scanned = size.pixels / _MEGA, size.pixels * size.passes // USUAL_SCANS
         self.refuse_image(size.pixels, f'{what}: a picture of {mpx:.3g} Mpx')

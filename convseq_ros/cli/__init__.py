@@ -10,9 +10,9 @@ import sys
 from convseq_ros import __version__
 from convseq_ros.errors import ConvseqError
 from convseq_ros.parameter import refuse_retired
-from convseq_ros.process import hand_over, interrupt, work_alone
+from convseq_ros.process import hand_over, interrupt, use_one_thread
 
-work_alone()
+use_one_thread()
 
 COMMANDS = {
     'build-map': 'build a reference map from a recording or a folder of images',

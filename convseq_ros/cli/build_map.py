@@ -199,7 +199,7 @@ def _why_no_pose(chosen: argparse.Namespace) -> str:
     return f'none were asked for; add {remedy}'
 
 
-def of_links() -> list[Parameter]:
+def link_parameters() -> list[Parameter]:
     """Return the parameters that decide which places of a drive are too recent to link."""
     return [item for item in parameters(OnlineConfig) if item.name.startswith('exclusion')]
 
@@ -213,5 +213,5 @@ def _settings() -> dict[str, list[Parameter]]:
         'motion': [*parameters(MotionConfig)],
         'images': [item for item in encoding if item.name in kept] + [*parameters(ReadingConfig)],
         'robot': [item for item in parameters(RobotConfig) if item.name == 'camera_to_base'],
-        'links': of_links(),
+        'links': link_parameters(),
     }

@@ -36,7 +36,7 @@ from convseq_ros.core.map.writer import replaced
 from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.core.similarity.feature_cache import usable_cores
 from convseq_ros.errors import ConvseqError, FleetError, MapError, SourceError
-from convseq_ros.fleet.cluster import Cluster, connected, done
+from convseq_ros.fleet.cluster import Cluster, connected, finished_jobs
 from convseq_ros.fleet.fleet import Fleet
 from convseq_ros.fleet.link import serve
 from convseq_ros.onnx_model import open_model
@@ -124,7 +124,7 @@ def _build(chosen: argparse.Namespace) -> int:
         try:
             with connected(cluster) as client:
                 for name, result in progress(
-                    done(client, build_one, jobs), len(jobs), chosen.output.name, 'maps'
+                    finished_jobs(client, build_one, jobs), len(jobs), chosen.output.name, 'maps'
                 ):
                     if isinstance(result, ConvseqError):
                         failed[name] = str(result)
@@ -252,7 +252,7 @@ def _link(chosen: argparse.Namespace) -> int:
     jobs = {f'{session.start}': (*run, session) for session in not_linked(merged)}
     links = list[Link]()
     with connected(_chosen_cluster(chosen)) as client:
-        results = done(client, links_in, jobs)
+        results = finished_jobs(client, links_in, jobs)
         for _, result in progress(results, len(jobs), chosen.map.name, 'sessions'):
             if isinstance(result, ConvseqError):
                 raise result

@@ -10,7 +10,7 @@ import re
 
 from convseq_ros.cli import map_link
 from convseq_ros.cli.info import describe_map, in_short
-from convseq_ros.cli.options import add_max_looks, add_verb, of_map, progress
+from convseq_ros.cli.options import add_max_looks, add_verb, map_progress, progress
 from convseq_ros.core.map.edit import (
     chosen_slice,
     joined,
@@ -108,7 +108,7 @@ def _merge(chosen: argparse.Namespace) -> None:
         for _ in progress(link_map(merged), count, 'links', 'places'):
             pass
     merged = pruned(chosen.output, merged, chosen.max_looks)
-    write_new(merged, chosen.output, of_map(chosen.output))
+    write_new(merged, chosen.output, map_progress(chosen.output))
     _report(chosen, chosen.output)
 
 
@@ -123,7 +123,7 @@ def _split(chosen: argparse.Namespace) -> None:
         files[path] = part
     folder.mkdir(parents=True, exist_ok=True)
     for path, part in files.items():
-        write_new(joined([part]), path, of_map(path))
+        write_new(joined([part]), path, map_progress(path))
     _report(chosen, *files)
 
 
@@ -134,9 +134,9 @@ def _remove(chosen: argparse.Namespace) -> None:
         remaining = [part for part in slices if part not in removed]
         if not remaining:
             raise MapError(f'{chosen.map}: nothing would be left of it; delete the file instead')
-        write_new(joined(remaining), chosen.map, of_map(chosen.map), slices[0].reference_map)
+        write_new(joined(remaining), chosen.map, map_progress(chosen.map), slices[0].reference_map)
     else:
-        prune_looks(chosen.map, chosen.max_looks, of_map(chosen.map))
+        prune_looks(chosen.map, chosen.max_looks, map_progress(chosen.map))
     _report(chosen, chosen.map)
 
 

@@ -11,9 +11,9 @@ import json
 from pathlib import Path
 import sys
 
-from convseq_ros.cli.build_map import of_links
+from convseq_ros.cli.build_map import link_parameters
 from convseq_ros.cli.map_picture import draw_solved
-from convseq_ros.cli.options import of_map, printable, progress
+from convseq_ros.cli.options import map_progress, printable, progress
 from convseq_ros.config import make_config
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.graph.pose_graph import align_sessions, edges_of, g2o, optimise, Poses
@@ -32,7 +32,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('map', type=Path, help='map file; gets the links that it lacks')
     add_outputs(parser)
-    add_parameters(parser, 'links', of_links())
+    add_parameters(parser, 'links', link_parameters())
 
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +49,7 @@ def run(chosen: argparse.Namespace) -> None:
     """Link the places that are not linked yet, store the links, and make the outputs."""
     if chosen.output:
         refuse_existing(chosen.output)
-    config = make_config(given(chosen, of_links()))
+    config = make_config(given(chosen, link_parameters()))
     opened = open_map(chosen.map)
     if count := sum(map(len, not_linked(opened))):
         with closing(Autosave(chosen.map, opened.encoding, opened.keyframes, True)) as kept:
@@ -89,7 +89,7 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
         first = linked.sessions[session[min(after)]]
         frame = first.frame or f'linked {linked.map_id}'
         moved = [_moved(part, after, frame) for part in slices]
-        write_new(joined(moved), chosen.output, of_map(chosen.output))
+        write_new(joined(moved), chosen.output, map_progress(chosen.output))
 
 
 def _moved(part: SessionSlice, after: Poses, name: str) -> SessionSlice:

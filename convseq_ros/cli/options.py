@@ -113,7 +113,7 @@ def warn(line: str) -> None:
     print(f'warning: {line}', file=sys.stderr)
 
 
-def of_map(path: Path) -> Callable[[Sequence[int]], Iterable[int]]:
+def map_progress(path: Path) -> Callable[[Sequence[int]], Iterable[int]]:
     """Return a function that shows the progress of writing a map."""
     return lambda steps: progress(steps, len(steps), path.name, '64 places')
 

@@ -10,7 +10,7 @@ import re
 
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import ConfigError
-from convseq_ros.files import made_record, read_yaml
+from convseq_ros.files import make_record, read_yaml
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
@@ -154,4 +154,4 @@ def open_data_set(
 def read_data_set(path: Path, base: Path, reading: ReadingConfig = ReadingConfig()) -> DataSet:
     """Return what a YAML file says, its relative paths starting at `base`."""
     content = {'name': path.stem, **read_yaml(path, reading)}
-    return made_record(DataSet, {'title': content['name'], **content}, str(path), base)
+    return make_record(DataSet, {'title': content['name'], **content}, str(path), base)

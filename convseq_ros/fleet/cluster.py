@@ -170,7 +170,7 @@ def _refuse_foreign(client: Any, scheduler: str) -> None:
             )
 
 
-def done(
+def finished_jobs(
     client: Any, work: Callable[..., Any], jobs: Mapping[str, tuple[Any, ...]]
 ) -> Iterator[tuple[str, Any]]:
     """Yield the name of each finished job with the result of its work, or its ConvseqError."""

@@ -42,12 +42,12 @@ class Waiting:
         self.changed = threading.Condition()
         self._in_vain = 0
 
-    def until(self, has_come: Callable[[], bool]) -> None:
+    def wait_until(self, has_come: Callable[[], bool]) -> None:
         """Wait until a message has come, at most `wait_s`; the caller holds `changed`."""
         if self._in_vain < _VAIN_WAITS and not self.changed.wait_for(has_come, self.wait_s):
             self._in_vain += 1
 
-    def came(self) -> None:
+    def notify(self) -> None:
         """Wake up an image that waits; the caller holds `changed`."""
         self._in_vain = 0
         self.changed.notify()
@@ -77,7 +77,7 @@ class Odometry:
         """Return the pose at a time; None if there is none."""
         with self.waiting.changed:
             if self.heard or self._node.count_publishers(self._subscription.topic):
-                self.waiting.until(lambda: self._has_reached(stamp_ns))
+                self.waiting.wait_until(lambda: self._has_reached(stamp_ns))
             pose = self._track.at(stamp_ns)
             self._lost_in_a_row = 0 if pose else self._lost_in_a_row + 1
             last_ns = self._track.last_stamp_ns
@@ -115,7 +115,7 @@ class Odometry:
         with self.waiting.changed:
             self.frame_id = message.header.frame_id
             self._track.add(stamp_ns, pose)
-            self.waiting.came()
+            self.waiting.notify()
 
 
 class DepthImages:
@@ -137,7 +137,7 @@ class DepthImages:
         with self.waiting.changed:
             if not self._newest:
                 return None
-            self.waiting.until(lambda: self._newest[-1][0] >= stamp_ns)
+            self.waiting.wait_until(lambda: self._newest[-1][0] >= stamp_ns)
             message = nearest(self._newest, stamp_ns)
         if message is None:
             self.missing += 1
@@ -154,7 +154,7 @@ class DepthImages:
         message = RawMessage(0, IMAGE, cdr)
         with self.waiting.changed:
             self._newest.append((message.header_stamp_ns, message))
-            self.waiting.came()
+            self.waiting.notify()
 
 
 class FrameContext:

@@ -7,7 +7,7 @@ from contextlib import ExitStack, suppress
 import threading
 from typing import Any, cast
 
-from convseq_ros.errors import in_full
+from convseq_ros.errors import with_traceback
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
@@ -109,7 +109,7 @@ class Listener:
         except Exception as error:
             if self._node.context.ok():
                 logger = self._node.get_logger()
-                logger.error(in_full(error), throttle_duration_sec=_LOG_PERIOD_S)
+                logger.error(with_traceback(error), throttle_duration_sec=_LOG_PERIOD_S)
 
 
 class ListeningNode(Node):

@@ -15,10 +15,10 @@ from convseq_ros.config import Config
 from convseq_ros.core.map.format import is_map_or_empty
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
-from convseq_ros.errors import in_full, MapError
+from convseq_ros.errors import MapError, with_traceback
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.topics import SERVICE_QOS
-from convseq_ros.node.worker import Background, settle, Worker
+from convseq_ros.node.worker import Background, fulfil, Worker
 from convseq_ros.onnx_model import open_model
 from nav_msgs.srv import LoadMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -81,7 +81,7 @@ class MapServices:
             swap = partial(self._recognition.swap, session)
             await self._background.result_of(partial(self._between_frames, swap))
         except Exception as error:
-            self._logger.error(f'load_map: {in_full(error)}')
+            self._logger.error(f'load_map: {with_traceback(error)}')
             # Unlike Path.is_file, this never raises.
             response.result = (
                 LoadMap.Response.RESULT_INVALID_MAP_DATA
@@ -117,7 +117,7 @@ class MapServices:
             response.message = await self._background.result_of(self._save)
         except Exception as error:
             response.success, response.message = False, str(error)
-            self._logger.error(f'save_map: {in_full(error)}')
+            self._logger.error(f'save_map: {with_traceback(error)}')
             return response
         response.success = True
         return response
@@ -142,7 +142,7 @@ class MapServices:
     def _between_frames(self, work: Callable[[], Result]) -> Result:
         """Run work in the worker's thread and return its result; not to be called in there."""
         future: Future[Result] = Future()
-        self._worker.between_items(partial(settle, future, work))
+        self._worker.between_items(partial(fulfil, future, work))
         deadline_s = time.monotonic() + _ANSWER_S
         while not future.done():
             if self._worker.is_stopping:

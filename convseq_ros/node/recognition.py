@@ -14,7 +14,7 @@ from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
-from convseq_ros.errors import ConfigError, ConvseqError, ImageError, in_full, ModelError
+from convseq_ros.errors import ConfigError, ConvseqError, ImageError, ModelError, with_traceback
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.results import ResultWriter
@@ -97,7 +97,7 @@ class MapLinking:
             self._link()
         except Exception as error:
             # The map works without links, too.
-            self._logger.error(f'linking: {in_full(error)}')
+            self._logger.error(f'linking: {with_traceback(error)}')
 
     def _link(self) -> None:
         recognizer, path = self._session.recognizer, self._session.path
@@ -175,7 +175,7 @@ class Recognition:
             # Publishing fails while a signal shuts ROS down; the result row is written before.
             if isinstance(error, ConvseqError) or self.ros_is_up():
                 self.statistics.failed += 1
-                self.logger.error(in_full(error), throttle_duration_sec=_LOG_PERIOD_S)
+                self.logger.error(with_traceback(error), throttle_duration_sec=_LOG_PERIOD_S)
 
     def swap(self, session: Session) -> None:
         """Replace the session, and so the map; additions of the old one are saved."""

@@ -39,7 +39,7 @@ def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = Non
     try:
         node = make_node()
         try:
-            for _ in turns(node):
+            for _ in spin(node):
                 pass
         finally:
             node.destroy_node()
@@ -52,7 +52,7 @@ def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = Non
     return 0
 
 
-def turns(node: Node) -> Iterator[None]:
+def spin(node: Node) -> Iterator[None]:
     """Serve a node until a signal comes or ROS is shut down; yield after every turn."""
     ending = threading.Event()
     hand_over(ending.set)

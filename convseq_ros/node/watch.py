@@ -21,7 +21,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import ConvseqError, ImageError, MapError
 from convseq_ros.node.cameras import ImageSubscription
 from convseq_ros.node.listener import ListeningNode
-from convseq_ros.node.running import turns
+from convseq_ros.node.running import spin
 from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.images import gray_and_color, message_pixels
@@ -150,7 +150,7 @@ def main(args: list[str] | None = None) -> int:
     shown_s = 0.0
     try:
         with Live(watcher.view(), console=Console(), auto_refresh=False) as live:
-            for _ in turns(watcher):
+            for _ in spin(watcher):
                 if time.monotonic() - shown_s >= _SHOWN_EVERY_S:
                     live.update(watcher.view(), refresh=True)
                     shown_s = time.monotonic()

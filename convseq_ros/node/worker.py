@@ -136,7 +136,7 @@ class Background:
     async def result_of(self, work: Callable[[], Result]) -> Result:
         """Return the result of work, or raise its error, while other callbacks are served."""
         future: Future[Result] = Future()
-        thread = threading.Thread(target=settle, args=(future, work), name='service', daemon=True)
+        thread = threading.Thread(target=fulfil, args=(future, work), name='service', daemon=True)
         self._threads.add(thread)
         thread.start()
         while thread.is_alive():
@@ -151,7 +151,7 @@ class Background:
         return not any(thread.is_alive() for thread in self._threads)
 
 
-def settle(future: Future[Result], work: Callable[[], Result]) -> None:
+def fulfil(future: Future[Result], work: Callable[[], Result]) -> None:
     """Do some work, and set its result or its error in a future."""
     try:
         future.set_result(work())

@@ -95,7 +95,7 @@ def _refuse_computed(database: sqlite3.Connection) -> None:
     for kind, name, text in database.execute('SELECT type, name, sql FROM sqlite_master'):
         plain = kind in ('table', 'index') and not re.match(r'\s*CREATE\s+VIRTUAL', text or '')
         if not plain:
-            raise SourceError(f'{name} is not a plain table, as in a recording')
+            raise SourceError(f'{name} is not a plain table; a recording has no others')
     for table in ('messages', 'topics'):
         for _, name, *_, hidden in database.execute(f'PRAGMA table_xinfo({table})'):
             if hidden:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.errors import ImageError
-from convseq_ros.picture_header import declared
+from convseq_ros.picture_header import declared_size
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.raw_message import COMPRESSED_IMAGE, RawMessage
 import cv2
@@ -122,7 +122,7 @@ def decoded(data: Any, flags: int, reading: ReadingConfig) -> npt.NDArray[Any]:
     """Return a picture as OpenCV decodes it; ImageError as `picture_pixels`."""
     encoded = np.frombuffer(data, np.uint8)
     content = data if isinstance(data, bytes) else encoded.tobytes()
-    size, pixels = declared(content), None
+    size, pixels = declared_size(content), None
     if size is not None:
         reading.refuse_picture(size, 'data')
         if _is_cut_jpeg(content):

@@ -11,7 +11,7 @@ from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set, Part, SimulatedDrive
 from convseq_ros.evaluation.material import Images, open_material
 from convseq_ros.evaluation.recognition import recognize
-from convseq_ros.files import made_record
+from convseq_ros.files import make_record
 import numpy as np
 import pytest
 
@@ -53,7 +53,7 @@ def test_what_is_drawn_is_part_of_its_checksum(tmp_path):
 )
 def test_a_drive_that_makes_no_sense_is_refused(tmp_path, said, problem):
     with pytest.raises(ConfigError, match=problem) as caught:
-        made_record(SimulatedDrive, said, 'set.yaml')
+        make_record(SimulatedDrive, said, 'set.yaml')
     assert '\n' not in str(caught.value) and 'set.yaml' in str(caught.value)
 
 

@@ -13,7 +13,7 @@ from convseq_ros.config import Config
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import replaced
 from convseq_ros.errors import FleetError
-from convseq_ros.fleet.cluster import done
+from convseq_ros.fleet.cluster import finished_jobs
 import pytest
 
 SETTINGS = '--keyframe-overlap', '1'
@@ -97,7 +97,7 @@ def test_a_worker_that_dies_loses_nothing(client, recordings, tmp_path):
                 os.kill(os.getpid(), signal.SIGKILL)
         return fleet.build_one(recording, path, *others)
 
-    found = dict(done(client, work, jobs))
+    found = dict(finished_jobs(client, work, jobs))
     assert died.exists()
     assert {name: built.references for name, (built, _) in found.items()} == {
         name: len(open_map(path)) for name, (_, path, *_) in jobs.items()
@@ -115,7 +115,7 @@ def test_who_kills_every_worker_is_given_up(client):
 
     before = client.run_on_scheduler(allow, 0)
     try:
-        ((name, error),) = done(client, work, {'it': ()})
+        ((name, error),) = finished_jobs(client, work, {'it': ()})
     finally:
         client.run_on_scheduler(allow, before)
     assert name == 'it' and isinstance(error, FleetError)

@@ -309,7 +309,7 @@ TRIGGER = 'CREATE TRIGGER t AFTER INSERT ON messages BEGIN DELETE FROM topics; E
 
 @pytest.mark.parametrize(
     ('change', 'told'),
-    [(COMPUTED, 'is computed'), (VIEW, 'no plain table'), (TRIGGER, 'no plain table')],
+    [(COMPUTED, 'is computed'), (VIEW, 'not a plain table'), (TRIGGER, 'not a plain table')],
 )
 def test_a_database_that_computes_is_refused(write, pictures, change, told):
     path = write('db3 file', recordings.drive(pictures))

@@ -3,7 +3,7 @@
 """What an image declares is checked before it is decoded, whatever its format."""
 
 from convseq_ros.errors import ImageError, SourceError
-from convseq_ros.picture_header import declared
+from convseq_ros.picture_header import declared_size
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 from convseq_ros.sources.images import picture_pixels
@@ -51,7 +51,7 @@ def decoded(monkeypatch):
 @pytest.mark.parametrize('way', WAYS)
 def test_a_header_tells_the_size_and_a_larger_one_is_not_decoded(way, decoded):
     data = picture(way)
-    assert declared(data).pixels == 12_000
+    assert declared_size(data).pixels == 12_000
     assert picture_pixels(data, ReadingConfig(max_image_mpx=0.012)).shape[:2] == (100, 120)
     decoded.clear()
     with pytest.raises(ImageError, match=r'0\.012 Mpx is more than max_image_mpx, 0\.01;'):

@@ -94,12 +94,12 @@ def test_every_rotation_keeps_its_turn(tmp_path_factory, numbers):
         ((AHEAD, '-' + AHEAD), 'line 2: its first three columns are not a rotation'),
         ((AHEAD,), '1 poses for 2 images'),
         (('1 0 0 0 0 0 0 0',), 'line 1: the quaternion is zero'),
-        (('-1 0 0 0 0 0 0 1',), 'line 1: -1 is no stamp'),
-        (('1e99 0 0 0 0 0 0 1',), 'line 1: 1e99 is no stamp'),
-        (('1e99999999 0 0 0 0 0 0 1',), 'line 1: 1e99999999 is no stamp'),
-        (('nan 0 0 0 0 0 0 1',), 'line 1: nan is no stamp'),
-        (('inf 0 0 0 0 0 0 1',), 'line 1: inf is no stamp'),
-        (('x 0 0 0 0 0 0 1',), 'line 1: x is no stamp'),
+        (('-1 0 0 0 0 0 0 1',), 'line 1: -1 is not a stamp'),
+        (('1e99 0 0 0 0 0 0 1',), 'line 1: 1e99 is not a stamp'),
+        (('1e99999999 0 0 0 0 0 0 1',), 'line 1: 1e99999999 is not a stamp'),
+        (('nan 0 0 0 0 0 0 1',), 'line 1: nan is not a stamp'),
+        (('inf 0 0 0 0 0 0 1',), 'line 1: inf is not a stamp'),
+        (('x 0 0 0 0 0 0 1',), 'line 1: x is not a stamp'),
     ],
 )
 def test_what_is_no_pose_is_named_with_its_line(file, lines, said):
@@ -108,7 +108,7 @@ def test_what_is_no_pose_is_named_with_its_line(file, lines, said):
 
 
 def test_files_that_hold_no_text_are_refused(tmp_path):
-    with pytest.raises(SourceError, match='no such file; give a text file of poses'):
+    with pytest.raises(SourceError, match='no such file; give a text file with one pose'):
         read_pose_file(tmp_path, 1)
     path = tmp_path / 'binary'
     path.write_bytes(b'\xff\xfe\x00')

@@ -14,7 +14,7 @@ from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import Camera, Frame, Gray
 from convseq_ros.errors import ConfigError, ImageError, SourceError
-from convseq_ros.picture_header import declared
+from convseq_ros.picture_header import declared_size
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import read_bytes
 import cv2
@@ -95,7 +95,7 @@ def with_mask_read(
 def _read(path: Path, reading: ReadingConfig) -> Gray:
     try:
         data = read_bytes(path, 'a picture', reading.refuse_file)
-        asked, picture = declared(data), None
+        asked, picture = declared_size(data), None
         if asked:
             reading.refuse_picture(asked, str(path))
     except (ImageError, SourceError) as error:

@@ -11,7 +11,7 @@ from typing import Any
 from convseq_ros.core.encoding.regions import Cells, REGION
 from convseq_ros.core.graph.links import SessionBounds
 from convseq_ros.core.types import constants, Doubles, Floats, Gray, Halves, Pose, Vector
-from convseq_ros.picture_header import declared
+from convseq_ros.picture_header import declared_size
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -218,7 +218,7 @@ def _jpeg(gray: Gray, quality_percent: int) -> bytes:
 
 def decode_jpeg(jpeg: bytes, most_pixels: float = _MOST_PIXELS) -> Gray | None:
     """Return the image (H, W) of a JPEG; None if it is invalid or has too many pixels."""
-    size = declared(jpeg)
+    size = declared_size(jpeg)
     if size is None or size.pixels * size.passes > most_pixels:
         return None
     gray = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
