@@ -42,7 +42,7 @@ class StampOrder:
     def reset(self) -> None:
         self._last_ns = None
 
-    def update(self, stamp_ns: int) -> Order:
+    def check(self, stamp_ns: int) -> Order:
         """Return the order of the next stamp, nanoseconds; a late one is then forgotten."""
         late_ns = 0 if self._last_ns is None else self._last_ns - stamp_ns
         if 0 < late_ns <= GATE.clock_jump_ns:
@@ -59,7 +59,7 @@ class StampOrder:
 class AnyOrder(StampOrder):
     """Treats every frame as the next, whatever its stamp."""
 
-    def update(self, _stamp_ns: int) -> Order:
+    def check(self, _stamp_ns: int) -> Order:
         """Return NEXT."""
         return Order.NEXT
 
@@ -209,7 +209,7 @@ class FrameGate:
         self._pose: Pose | None = None
         self._scene: Descriptor | None = None
 
-    def update(
+    def check(
         self,
         stamp_ns: int,
         pose: Pose | None,

@@ -23,29 +23,29 @@ import numpy as np
 import numpy.typing as npt
 
 _MOST_THREADS = 2  # by default; more gain little, and the SLAM back end needs cores
-_KEPT = 500  # references whose features are kept beside a shortlist; 22 MB
-_ROUGH = 8  # rough ones are kept of so many times as many; 30 MB
-_KEPT_TO_RESCORE = 64  # references of which the exact kernel's features are kept
-_KEPT_TO_VERIFY = 64  # references that are kept as geometry reads them; 2 MB
+_KEPT = 500  # references whose features are cached with `search: shortlist`; 22 MB
+_ROUGH = 8  # multiple of this number for rough features; 30 MB
+_KEPT_TO_RESCORE = 64  # references whose features of the exact kernel are cached
+_KEPT_TO_VERIFY = 64  # references whose regions are cached for the geometry; 2 MB
 
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """What is compared of a query."""
+    """The features of a query."""
 
-    approximate: Any  # by the chosen kernel
-    exact: Callable[[], Any]  # by an exact one, made when it is asked for
-    arranged: Arranged | None = None  # by the geometry
+    approximate: Any  # for the chosen kernel
+    exact: Callable[[], Any]  # returns those for an exact kernel, made at the first call
+    arranged: Arranged | None = None  # for the geometry
     rough: Any = None  # for rough scores
 
 
 class Matcher:
     """
-    Scores queries against references of a map, which may grow; rebuilds regions when needed.
+    Scores queries against the references of a map, which may grow.
 
-    Features of `kept` references, or of all, stay in memory: 43 kB each by the 8-bit kernel, about
-    130 kB by others; and rough ones, of a sixth of that, of 8 times as many. ConfigError if the
-    machine cannot run the kernel asked for.
+    Features of `kept` references stay in memory, by default of all: 43 kB each with the 8-bit
+    kernel, about 130 kB with others. Rough features, a sixth in size, are kept of 8 times as many.
+    ConfigError if the machine cannot run the configured kernel.
     """
 
     def __init__(
@@ -56,100 +56,100 @@ class Matcher:
         kept: int | None = None,
     ) -> None:
         fast, exact = chosen_kernels(matching)
-        # What computes scores, and whether they are the definition's to 1e-6.
+        # Name of the kernel; whether its scores are those of the definition to 1e-6.
         self.kernel, self.exact = fast.name, fast.exact
         self._map, self._keeps_all = reference_map, kept is None
         self._least_bits = saliency_threshold * ENTROPY.max_bits
         usable = min(usable_cores(), _MOST_THREADS)
-        threads = Threads((matching.threads or usable) - 1)
         subtracted = (exact.normalize, exact.project) if matching.subtract_background else ()
-        self._background = own = Background(reference_map, *subtracted)
-        self._fast = self._exact = FeatureCache(reference_map, fast, own, threads, kept)
+        self._background = Background(reference_map, *subtracted)
+        shared = self._background, Threads((matching.threads or usable) - 1)
+        self._fast = self._exact = FeatureCache(reference_map, fast, *shared, kept)
         if exact is not fast:
-            self._exact = FeatureCache(reference_map, exact, own, threads, _KEPT_TO_RESCORE)
+            self._exact = FeatureCache(reference_map, exact, *shared, _KEPT_TO_RESCORE)
         self._rough: FeatureCache | None = None
         if fast.rough:
-            most = kept and _ROUGH * kept
-            self._rough = FeatureCache(reference_map, fast.rough, own, threads, most)
-        # Without a reference to itself, so that a map that nobody has any more is freed at once.
+            rough_count = kept and _ROUGH * kept
+            self._rough = FeatureCache(reference_map, fast.rough, *shared, rough_count)
+        # Not a bound method: without a reference cycle, an unused map is freed at once.
         self._kept_arranged = lru_cache(_KEPT_TO_VERIFY)(partial(_arranged, self._fast))
 
     def reset(self) -> None:
         self._background.reset()
 
     def extract(self, descriptor: Descriptor) -> Features | None:
-        """Return what is compared of a query, or None if it shows nothing."""
+        """Return the features of a query, or None if it is uninformative."""
         self._follow_map()
-        pair, shown = self._exact.pair, None
+        pair, regions = self._exact.pair, None
         if pair.project and pair.subtract:
-            regions = pair.project(self._background.normalize(descriptor.cells))
-            shown = pair.subtract(regions, self._background.update(regions))
-        asked = descriptor, self._least_bits, shown
-        if (fast := self._fast.pair.extract(*asked)) is None:
+            projected = pair.project(self._background.normalize(descriptor.cells))
+            regions = pair.subtract(projected, self._background.update(projected))
+        arguments = descriptor, self._least_bits, regions
+        if (fast := self._fast.pair.extract(*arguments)) is None:
             return None
-        exact = (lambda: fast) if self.exact else cache(partial(pair.extract, *asked))
-        if not shown:
+        exact = (lambda: fast) if self.exact else cache(partial(pair.extract, *arguments))
+        if not regions:
             return Features(fast, exact)
-        rough = self._rough and self._rough.pair.extract(*asked)
-        return Features(fast, exact, arranged(shown[0]), rough)
+        rough = self._rough and self._rough.pair.extract(*arguments)
+        return Features(fast, exact, arranged(regions[0]), rough)
 
     def arranged(self, index: int) -> Arranged | None:
-        """Return a reference as geometry reads it; None if it shows nothing, or has no regions."""
+        """Return a reference's regions for the geometry; None if uninformative or without any."""
         return self._kept_arranged(index)
 
-    def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
+    def scores_of(self, requests: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """
-        Return pair scores of queries with references each, (n,), in [0, 1].
+        Return the pair scores of each query with its references, (n,), in [0, 1].
 
-        They are NaN where a reference shows nothing; all references are read in one go.
+        The score of an uninformative reference is NaN. All references are read together.
         """
-        return self._fast.scores_of([(query.approximate, indices) for query, indices in asked])
+        return self._fast.scores_of([(query.approximate, indices) for query, indices in requests])
 
     def rough_scores(self, query: Features, indices: Indices) -> Row | None:
-        """Return rough scores (n,), by a sixteenth of the work; None if the kernel has none."""
+        """Return rough scores (n,), 16 times faster; None if the kernel has none."""
         if query.rough is None or self._rough is None:
             return None
         return self._rough.scores_of([(query.rough, indices)])[0]
 
-    def exact_scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
-        """Return what `scores_of` does, by the definition."""
-        return self._exact.scores_of([(query.exact(), indices) for query, indices in asked])
+    def exact_scores_of(self, requests: Sequence[tuple[Features, Indices]]) -> list[Row]:
+        """Return the pair scores as `scores_of` does, by the exact kernel."""
+        return self._exact.scores_of([(query.exact(), indices) for query, indices in requests])
 
     def shift(self, query: Features, index: int) -> Shift | None:
-        """Return rows and columns, in cells, from the query to a reference, if known."""
+        """Return the shift from a query to a reference, rows and columns in cells, or None."""
         return self._fast.shifts(query.approximate, [index])[0]
 
     def field(self, query: Features, index: int, shift: Shift) -> npt.NDArray[np.float64]:
-        """Return where regions of a query lie in a reference, (n, 5), as `verification.field`."""
+        """Return the displacements of a query's regions, (n, 5), as `verification.field` does."""
         reference = self.arranged(index)
         if query.arranged is None or reference is None:
             return np.zeros((0, 5))
         return field(query.arranged, reference, shift)
 
     def verified(self, query: Features, indices: Sequence[int]) -> dict[int, Verification]:
-        """Return what geometry says of a query and some references; nothing without regions."""
+        """Return the verification of a query with references, by index; empty without regions."""
         if query.arranged is None:
             return {}
         shifts = self._fast.shifts(query.approximate, indices)
-        read = zip(indices, shifts, map(self.arranged, indices), strict=True)
-        shown = [one for one in read if one[1] is not None and one[2] is not None]
-        found = dict.fromkeys(indices, NOTHING)
-        if shown:
-            known, starts, references = zip(*shown, strict=True)
-            found |= zip(known, verify(query.arranged, references, starts), strict=True)
-        return found
+        rows = zip(indices, shifts, map(self.arranged, indices), strict=True)
+        usable = [row for row in rows if row[1] is not None and row[2] is not None]
+        results = dict.fromkeys(indices, NOTHING)
+        if usable:
+            verified, starts, references = zip(*usable, strict=True)
+            results |= zip(verified, verify(query.arranged, references, starts), strict=True)
+        return results
 
     def warm_up(self) -> None:
-        """Make what is compared of all references, if it is kept, so that no frame is late."""
+        """Make the features of all references, if all are kept, so that no frame is late."""
         self._follow_map()
         if self._keeps_all:
             self._fast.of(range(len(self._map)))
 
     def _follow_map(self) -> None:
         if self._background.update_map():
-            for kept in (self._fast, self._exact, self._rough):
-                if kept:
-                    kept.clear()
+            for features in (self._fast, self._exact, self._rough):
+                if features:
+                    features.clear()
             self._kept_arranged.cache_clear()
 
 
@@ -159,7 +159,7 @@ def _arranged(features: FeatureCache, index: int) -> Arranged | None:
 
 
 class DescriptorMatcher(Matcher):
-    """Scores pairs by the cosines of their vectors, without cells, shifts or geometry."""
+    """Scores pairs by the cosine of their vectors, without cells, shifts or geometry."""
 
     def __init__(self, reference_map: ReferenceMap) -> None:
         self.kernel, self.exact, self._map = 'cosine', True, reference_map
@@ -167,31 +167,31 @@ class DescriptorMatcher(Matcher):
     def reset(self) -> None: ...
 
     def extract(self, descriptor: Descriptor) -> Features | None:
-        """Return the vector of a query at unit length, or None if it shows nothing."""
+        """Return the vector of a query at unit length, or None if it is zero."""
         vector = unit(vector_of(descriptor).astype(np.float32))
         return Features(vector, lambda: vector) if vector.any() else None
 
-    def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
-        """Return cosines of at least 0."""
-        found = []
-        for query, indices in asked:
+    def scores_of(self, requests: Sequence[tuple[Features, Indices]]) -> list[Row]:
+        """Return the cosines of each query with its references, (n,); negative ones become 0."""
+        scores = []
+        for query, indices in requests:
             rows = unit(self._map.global_descriptors[indices].astype(np.float32))
-            found.append(np.maximum(rows @ query.approximate, 0.0))
-        return found
+            scores.append(np.maximum(rows @ query.approximate, 0.0))
+        return scores
 
     def shift(self, _query: Features, _index: int) -> Shift | None:
-        """Return None: it is not known."""
+        """Return None: vectors give no shift."""
         return None
 
     def arranged(self, _index: int) -> Arranged | None:
-        """Return None: geometry is not asked."""
+        """Return None: there are no regions."""
         return None
 
     def warm_up(self) -> None: ...
 
 
 def make_matcher(reference_map: ReferenceMap, config: Config) -> Matcher:
-    """Return the matcher that a configuration asks for."""
+    """Return the matcher of a configuration; ConfigError if the map lacks cells for it."""
     if config.matching.matching == 'descriptor':
         return DescriptorMatcher(reference_map)
     if not reference_map.encoding.keeps_cells:

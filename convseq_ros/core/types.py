@@ -13,7 +13,7 @@ import numpy.typing as npt
 Shift = tuple[float, float]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # x, y, z, w; of unit length
-# Arrays; their shapes are told where they are used.
+# Arrays; their shapes are documented where they are used.
 Gray = npt.NDArray[np.uint8]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
@@ -25,23 +25,23 @@ Row = npt.NDArray[np.float32]  # (R,), scores of a frame; NaN where there is non
 
 def constants(record: type[Any]) -> Any:
     """
-    Return the one instance, frozen, of a class of annotated defaults: a stage's constants.
+    Return the single, frozen instance of a class with annotated defaults: a stage's constants.
 
-    What follows from other constants has no annotation.
+    A class attribute that is computed from other constants has no annotation.
     """
-    made: Any = dataclass(frozen=True, slots=True)(record)
-    return made()
+    frozen: Any = dataclass(frozen=True, slots=True)(record)
+    return frozen()
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where a robot's base, or a part of it, was: x ahead, y left, z up (REP-103)."""
+    """The pose of a robot's base, or of a part of it: x ahead, y left, z up (REP-103)."""
 
     position: Vector  # x, y, z in metres
     orientation: Quaternion
 
 
-# How many coefficients OpenCV takes, by the names of sensor_msgs/distortion_models.hpp.
+# Valid numbers of coefficients in OpenCV, by the names of sensor_msgs/distortion_models.hpp.
 COEFFICIENTS = {
     'plumb_bob': (4, 5), 'rational_polynomial': (8, 12, 14), 'equidistant': (4,),
 }  # fmt: skip
@@ -58,34 +58,34 @@ class Camera:
     cx_px: float
     cy_px: float
     distortion_model: str = ''  # of `COEFFICIENTS`; empty for none
-    distortion: tuple[float, ...] = ()  # its coefficients, in OpenCV's order; none for none
-    mount: Pose | None = None  # in the base, x along the lens; None if it is not known
+    distortion: tuple[float, ...] = ()  # its coefficients, in OpenCV's order; empty for none
+    mount: Pose | None = None  # in the base, x along the optical axis; None if unknown
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
     """One image of a stream."""
 
-    stamp_ns: int  # when it was taken
+    stamp_ns: int  # time of the image
     gray: npt.NDArray[np.uint8] | None  # (H, W); None if the image could not be decoded
     source: str = ''  # a file name or a topic
-    pose: Pose | None = None  # where the robot's base was, if known
+    pose: Pose | None = None  # of the robot's base, by odometry
     problem: str = ''  # why the image could not be decoded, in one line
-    camera: Camera | None = None  # what took it, if known
-    # (h, w), metres along the lens, registered to the image; what is no depth is unknown.
+    camera: Camera | None = None  # None if unknown
+    # (h, w), metres along the optical axis, registered to the image; may hold invalid depths.
     depth_m: npt.NDArray[np.float32] | None = None
-    color: npt.NDArray[np.uint8] | None = None  # (H, W, 3), blue, green, red, if it was kept
+    color: npt.NDArray[np.uint8] | None = None  # (H, W, 3), blue, green, red, if it is needed
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Descriptor:
-    """What is kept of one image; equal to itself only."""
+    """The description of an image; two descriptors are never equal."""
 
-    cells: npt.NDArray[np.float32]  # (S, S, 8), a histogram of gradient orientation each
-    salient: npt.NDArray[np.bool_]  # ((S - 1) ** 2,), 2 x 2-cell regions that are informative
+    cells: npt.NDArray[np.float32]  # (S, S, 8), a histogram of gradient orientations in each cell
+    salient: npt.NDArray[np.bool_]  # ((S - 1) ** 2,), whether a region of 2 x 2 cells is salient
     cell_entropy: npt.NDArray[np.float64]  # (S, S), mean entropy in bits
-    entropy: float  # mean of the image as a share of 8 bits, in [0, 1]
-    vector: npt.NDArray[np.float16] | None = None  # (n,), of unit length, by a model
+    entropy: float  # mean entropy of the image as a share of 8 bits, in [0, 1]
+    vector: npt.NDArray[np.float16] | None = None  # (n,), unit length, by a descriptor model
 
     @property
     def informative(self) -> bool:
@@ -94,7 +94,7 @@ class Descriptor:
 
 
 class Status(StrEnum):
-    """What came of a frame."""
+    """The outcome of a frame."""
 
     ACCEPTED = 'accepted'
     REJECTED = 'rejected'
@@ -102,7 +102,7 @@ class Status(StrEnum):
 
 
 class Reason(StrEnum):
-    """Why; one for every frame."""
+    """The reason of a frame's status."""
 
     ACCEPTED = 'accepted'
     AMBIGUOUS = 'ambiguous'
@@ -123,14 +123,14 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A place of the map that the newest frame of the sequence may show."""
+    """A place of the map that the newest frame may show."""
 
     reference_index: int  # in the map, from 0
-    reference_stamp_ns: int  # when the place was taken
+    reference_stamp_ns: int  # time of the place's image
     score: float  # of the sequence, in [0, 1]
     shift: Shift | None = None  # rows and columns, in cells, from query to reference, if known
-    inliers: int | None = None  # regions that moved alike from query to reference, if verified
-    session: int = 0  # of those of the map, the one that took the place
+    inliers: int | None = None  # regions with a consistent displacement, if verified
+    session: int = 0  # index of the map's session to which the place belongs
 
 
 Candidates = tuple[Candidate, ...]  # best first
@@ -139,43 +139,43 @@ Candidates = tuple[Candidate, ...]  # best first
 @dataclass(frozen=True, eq=False, slots=True)
 class RelativePose:
     """
-    Where the query's base was in the reference's base frame: x ahead, y left, z up.
+    The base's pose at the query in its frame at the reference: x ahead, y left, z up.
 
-    Equal to itself only. The rotation is always known. Where nothing gives the scale, `position_m`
-    is None; where there is no baseline either, so is `direction`. Rows and columns of the
-    covariance whose position is unknown hold a variance of `UNKNOWN_M2`.
+    The rotation is always known. Without a scale, `position_m` is None; without a baseline, so is
+    `direction`. Unknown directions of the position have a variance of `UNKNOWN_M2`. Two poses are
+    never equal.
     """
 
     orientation: Quaternion
     position_m: Vector | None
     direction: Vector | None  # of the position, a unit vector
-    covariance: npt.NDArray[np.float64]  # (6, 6), of x, y, z and turns about them; m and rad
-    inliers: int  # correspondences that agree with it
-    explains: bool = True  # enough of what the images have in common
+    covariance: npt.NDArray[np.float64]  # (6, 6), of x, y, z, rotations about them; m and rad
+    inliers: int  # correspondences that agree with the pose
+    explains: bool = True  # whether the pose explains enough of the images' common part
 
     @property
     def pose(self) -> Pose | None:
-        """Where the query's base was, if the position is known."""
+        """The pose with its position; None if the position is unknown."""
         return None if self.position_m is None else Pose(self.position_m, self.orientation)
 
     @property
     def position_sigma_m(self) -> float | None:
-        """Standard deviation of the position in its least sure direction, if it is known."""
+        """Largest standard deviation of the position in any direction; None if unknown."""
         if self.position_m is None:
             return None
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
 
     @property
     def heading_sigma_rad(self) -> float:
-        """Standard deviation of the turn about z."""
+        """Standard deviation of the rotation about z."""
         return math.sqrt(float(self.covariance[5, 5]))
 
 
-UNKNOWN_M2 = 1e6  # variance of a position that is not known, in square metres
+UNKNOWN_M2 = 1e6  # variance of an unknown position, in square metres
 
 
 class LocalizationState(StrEnum):
-    """Whether it is known where in the map the robot is."""
+    """Whether the robot's place in the map is known."""
 
     LOST = 'lost'
     CANDIDATE = 'candidate'
@@ -184,18 +184,18 @@ class LocalizationState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Localization:
-    """Where in the map the robot is, as far as the frames so far tell."""
+    """The robot's place in the map, estimated from the frames so far."""
 
     state: LocalizationState = LocalizationState.LOST
     # Probability in [0, 1] that the place is right; 0 if lost, None if it is not calibrated.
     quality: float | None = 0.0
     reference_index: int | None = None  # the place that was recognised last; None if lost
-    problem: str = ''  # why it is not localised, in one line
+    problem: str = ''  # why the robot is not localised, in one line
 
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """The first look of a place, by what stays as the map grows, and as looks of it go."""
+    """The id of a place: its first look, which stays the same as looks are added or removed."""
 
     session_id: str
     stamp_ns: int
@@ -210,23 +210,23 @@ class Match:
     status: Status
     reason: Reason
     candidates: Candidates = ()  # best first; empty if the frame was skipped
-    sequence_length: int = 0  # frames matched together, k in the paper; 0 if none could be chosen
-    pairs_scored: int = 0  # image pairs compared for this frame
+    sequence_length: int = 0  # number of frames matched together, k in the paper; 0 without any
+    pairs_scored: int = 0  # number of image pairs compared for this frame
     confidence: float | None = None  # probability in [0, 1] that the best is right, if calibrated
-    # The best candidate's shift in pixels of the query image: rows, columns. Positive columns:
-    # what the query shows is further right in the reference.
+    # Shift of the best candidate in pixels of the query image: rows, columns. With positive
+    # columns, objects are further right in the reference than in the query.
     shift_px: Shift | None = None
-    # By how much the query's base is turned against the reference's, counter-clockwise seen from
-    # above (REP-103), if the shift and the camera are known. Where both cameras are mounted alike,
-    # one turned left, positive, sees things further right: negative columns.
+    # Yaw of the query's base relative to the reference's, counter-clockwise seen from above
+    # (REP-103), if the shift and the camera are known. With equal mounts, a positive yaw (left)
+    # moves objects to the right in the query: negative columns.
     relative_yaw_rad: float | None = None
-    # Of the base, against the accepted reference's; None if it was not measured.
+    # Pose of the base relative to the accepted reference's; None if it was not measured.
     relative_pose: RelativePose | None = None
     anchor: Anchor | None = None  # of the accepted reference
-    # By how many metres more than odometry may have drifted the place lies off, if it does.
+    # Distance of the place from odometry, in metres beyond the possible drift; None if plausible.
     implausible_m: float | None = None
-    localization: Localization | None = None  # after this frame; None if nobody kept it
-    camera: str = ''  # the source of the frame, of a robot with several cameras
+    localization: Localization | None = None  # after this frame; None if it was not computed
+    camera: str = ''  # source of the frame, if the robot has several cameras
 
     @property
     def best(self) -> Candidate | None:

@@ -36,10 +36,10 @@ def test_stamps_are_next_late_or_of_a_clock_that_jumped_back():
     stamps = [5 * SECOND, 5 * SECOND, 4 * SECOND, 6 * SECOND, 5 * SECOND, 5 * SECOND - 1]
     late, jumped = Order.LATE, Order.JUMPED_BACK
     expected = [Order.NEXT, Order.NEXT, late, Order.NEXT, late, jumped]
-    assert [order.update(stamp_ns) for stamp_ns in stamps] == expected
-    assert order.update(5 * SECOND - 2) is late
+    assert [order.check(stamp_ns) for stamp_ns in stamps] == expected
+    assert order.check(5 * SECOND - 2) is late
     order.reset()
-    assert order.update(0) is Order.NEXT
+    assert order.check(0) is Order.NEXT
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def verdicts(described):
         gate = FrameGate(Config(), keyframes, PaperSimilarity())
         descriptor = described(0)
         return [
-            gate.update(index * STEP_NS, at(place), encode or (lambda: descriptor))
+            gate.check(index * STEP_NS, at(place), encode or (lambda: descriptor))
             for index, place in enumerate(places)
             if place is not None
         ]
@@ -88,7 +88,7 @@ def choosing(config=EVERY_FRAME, **settings):
 
 
 def told(keyframes, stamp_ns, descriptor, pose=None):
-    return keyframes.update(stamp_ns, pose, lambda: descriptor).reason
+    return keyframes.check(stamp_ns, pose, lambda: descriptor).reason
 
 
 def taken(keyframes, stamp_ns, descriptor, pose=None):
@@ -317,7 +317,7 @@ def test_keyframes_are_those_that_the_scene_of_every_frame_tells(light, speed_mp
             pose = at(0.13 * way[index]) if odometry else None
             encode = partial(counted, gray, count)
             shown = (gray,) if by_glance else ()
-            reasons.append(gate.update(index * 33_333_333, pose, encode, *shown).reason)
+            reasons.append(gate.check(index * 33_333_333, pose, encode, *shown).reason)
         decided.append(reasons)
         described.append(len(count))
     same = np.mean([(one is None) == (other is None) for one, other in zip(*decided, strict=True)])

@@ -118,7 +118,7 @@ def grown(online, seconds, poses=None, earlier=0):
     usable = []
     for second in range(seconds):
         pose = poses[second] if poses else None
-        usable.append(mapping.update(second * SECOND, pose))
+        usable.append(mapping.usable(second * SECOND, pose))
         mapping.add(Frame(second * SECOND, GRAY, 'camera', pose), DESCRIPTOR)
     return mapping, reference_map, usable
 
@@ -145,9 +145,9 @@ def test_by_odometry_places_must_also_be_far_behind_on_the_way():
 
 def test_a_new_session_makes_all_of_the_map_the_past():
     mapping, reference_map, _ = grown(OnlineConfig(exclusion_s=5.0), 4)
-    assert mapping.update(4 * SECOND, None) == 0
+    assert mapping.usable(4 * SECOND, None) == 0
     mapping.reset()
-    assert mapping.session_start == mapping.update(0, None) == 4
+    assert mapping.session_start == mapping.usable(0, None) == 4
     mapping.add(Frame(0, GRAY), DESCRIPTOR)
-    assert [mapping.update(second * SECOND, None) for second in (1, 5)] == [4, 5]
+    assert [mapping.usable(second * SECOND, None) for second in (1, 5)] == [4, 5]
     assert len(reference_map) == 5

@@ -132,7 +132,7 @@ class PreloadedMap:
         """Begin a new session, at the end of the map."""
         self.session_start = len(self._map)  # first place of this session
 
-    def update(self, _stamp_ns: int, _pose: Pose | None) -> int:
+    def usable(self, _stamp_ns: int, _pose: Pose | None) -> int:
         """Return how many places, from the first, may be matched."""
         return len(self._map)
 
@@ -163,7 +163,7 @@ class OnlineMap(PreloadedMap):
         self._passed_m: list[float] = []
         self._skipping = 0  # number of frames that are still to be left out
 
-    def update(self, stamp_ns: int, pose: Pose | None) -> int:
+    def usable(self, stamp_ns: int, pose: Pose | None) -> int:
         """Add up the travelled distance; return how many places are old enough to be matched."""
         if pose and self._pose:
             self._travelled_m += math.dist(pose.position, self._pose.position)
@@ -213,6 +213,6 @@ class FollowedMap(PreloadedMap):
     def reset(self) -> None:
         self.session_start = self._leader.session_start
 
-    def update(self, stamp_ns: int, pose: Pose | None) -> int:
+    def usable(self, stamp_ns: int, pose: Pose | None) -> int:
         self.session_start = self._leader.session_start
-        return self._leader.update(stamp_ns, pose)
+        return self._leader.usable(stamp_ns, pose)
