@@ -224,9 +224,9 @@ class FrameGate:
         still = self._standstill.is_sure(pose, seen)
         # If scenes are compared, a still image does not decide yet: it may only set the reason.
         if still and not (self._by_scene and self._standstill.needs_image(pose)):
-            return self._passed(still, pose, seen, self._blank)
+            return self._not_keyframe(still, pose, seen, self._blank)
         if self._by_scene and self._glances.is_sure(seen):
-            return self._passed(still, pose, seen, self._blank)
+            return self._not_keyframe(still, pose, seen, self._blank)
         descriptor = encode()
         if self._by_scene:  # else uninformative frames are keyframes, too
             if not descriptor.informative:
@@ -234,20 +234,21 @@ class FrameGate:
             share, last = self._keyframes.keyframe_overlap, self._scene
             if last is not None and self._overlap(descriptor, last, share) > share:
                 self._glances.learn(seen, True)
-                return self._passed(still, pose, seen, descriptor)
-        # In the dark, noise alone may leave little overlap with the last keyframe.
+                return self._not_keyframe(still, pose, seen, descriptor)
+        # In the dark, noise alone may leave little overlap: compare the frames for standstill.
         unchanged = self._standstill.check(descriptor, pose, seen)
         self._glances.learn(seen, unchanged)
         if unchanged:
-            return self._passed(still or not self._by_scene, pose, seen, descriptor)
+            return self._not_keyframe(still or not self._by_scene, pose, seen, descriptor)
         if self._by_scene:
             self._scene = descriptor
         self._last_ns, self._pose = stamp_ns, pose or self._pose
         return Verdict(None, descriptor, self._drops.observe_keyframe())
 
-    def _passed(
+    def _not_keyframe(
         self, still: bool, pose: Pose | None, seen: Glance | None, descriptor: Descriptor
     ) -> Verdict:
+        """Return the verdict on a frame at standstill, or close to the last keyframe."""
         if still:
             self._drops.observe_keyframe()
             return Verdict(Reason.STATIONARY, descriptor)
