@@ -31,15 +31,15 @@ class EncodingConfig(Checked):
         512, 'Images are resized to a square with sides of this length before they are compared.',
         unit='px', low=64, high=2048,
     )
-    saliency_threshold: float = 0.5  # minimum mean entropy of a salient region, of 8 bits (ET)
+    saliency_threshold: float = 0.5  # a salient region's minimum mean entropy, of 8 bits (ET)
     resize: str = 'exact'  # same result on every processor; linear is the published method
     image_mask: str = parameter(
         '', 'Picture file that is black where images show the robot itself; empty uses the mask '
         'that the map stores, if any.',
     )
     image_rotation_deg: int = parameter(
-        0, 'Counter-clockwise rotation of images before all else, for a camera that is mounted '
-        'on its side or upside down (0, 90, 180 or 270).', unit='deg', low=0, high=270,
+        0, 'Counter-clockwise rotation of images before anything else, for a camera that is '
+        'mounted on its side or upside down (0, 90, 180 or 270).', unit='deg', low=0, high=270,
     )
     descriptor_model: str = parameter(
         '', 'ONNX file of the network whose descriptors select the places to compare; empty for '

@@ -36,7 +36,7 @@ def add_max_looks(parser: Any, keeps_all: bool = True) -> None:
     """Add the option `--max-looks`; its default keeps all looks, or as many as online mode."""
     (item,) = (item for item in parameters(OnlineConfig) if item.name == 'max_looks')
     default = 0 if keeps_all else item.default
-    help_ = 'maximum number of looks that are kept of a place, without the most similar; 0: all; '
+    help_ = 'maximum number of keyframes that a place keeps; similar ones go first; 0 keeps all; '
     help_ += f'default: {default}'
     parser.add_argument('--max-looks', type=item.parse, default=default, metavar='N', help=help_)
 

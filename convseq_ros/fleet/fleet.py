@@ -58,7 +58,7 @@ class FleetScores(Coarse):
 
 
 _TRIES = 3  # of a question, each with a new worker
-_LOOKED_AT_EVERY_S = 0.25  # whether a worker is alive, while its answer is waited for
+_LOOKED_AT_EVERY_S = 0.25  # checks that a worker is alive while it works
 
 
 @dataclass(eq=False, slots=True)
