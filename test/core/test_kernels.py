@@ -144,7 +144,7 @@ def test_many_references_are_prepared_as_one_is(kernel, side, normalizes, subtra
 
 def test_compiled_global_similarities_are_those_of_the_definition():
     needs_library()
-    from convseq_ros.core.similarity.kernels.kernels import _alike as alike
+    from convseq_ros.core.similarity.kernels.kernels import _similarities as similarities
 
     pair = chosen_kernels(MatchingConfig(kernel='float32'))[0]
     rng = np.random.default_rng(3)
@@ -156,11 +156,11 @@ def test_compiled_global_similarities_are_those_of_the_definition():
         packed = [pair.packed(regions, one) for one in blocks]
         where = np.array([one.address for one in packed], np.uint64)
         wide = widened(blocks[0], side)
-        found = alike(wide, packed, where)
+        found = similarities(wide, packed, where)
         assert np.array_equal(found, global_similarity(wide, np.array(blocks, np.float64)))
         assert found[0] == pytest.approx(1)
         bare = pair.packed(regions, None)
-        assert alike(wide, [packed[1], bare], where) is None
+        assert similarities(wide, [packed[1], bare], where) is None
 
 
 # Prints the kernels in use, and what must not depend on the processor, to the last bit.

@@ -156,7 +156,7 @@ class Approximate:
 
 
 def append(buffer, descriptor=SHOWN):
-    buffer.append(descriptor, REFERENCES, most=10)
+    buffer.append(descriptor, REFERENCES, capacity=10)
 
 
 def filled(scores):

@@ -1,3 +1,3 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the best candidate is a match."""
+"""The decision whether the best candidate is a match."""

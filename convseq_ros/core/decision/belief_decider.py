@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The belief's decision: a place is a match if it holds nearly all of the mass."""
+"""The decision by the belief: a place is a match if it holds nearly all of the mass."""
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.belief import Belief, MotionModel
@@ -15,15 +15,15 @@ from convseq_ros.core.sequence.query_buffer import BUFFER, diagonal
 from convseq_ros.core.types import Candidate, Candidates, Flags, Reason
 import numpy as np
 
-# Places to either side of the best, and of its looks, that are reported as one place.
+# Places to either side of the best, and of its looks, that count as the same place.
 _WINDOW = LINKS.beside // 2
 
 
 class BeliefDecider:
     """
-    Predicts, looks, updates, reports: one step of a Bayes filter a keyframe.
+    One step of a Bayes filter per keyframe: predict, observe, update, decide.
 
-    A place is a match if it holds nearly all of the mass.
+    A place is a match if it holds at least `min_confidence` of the mass.
     """
 
     def __init__(self, reference_map: ReferenceMap, coarse: Coarse, config: Config) -> None:
@@ -40,12 +40,12 @@ class BeliefDecider:
         self._prior.reset()
 
     def share(self, other: object) -> None:
-        """Have what odometry says of another camera's matches hold for both."""
+        """Share the odometry prior with the decider of another camera of the robot."""
         if isinstance(other, BeliefDecider):
             self._prior.share(other._prior)
 
     def decide(self, query: Query) -> Answer:
-        """Return the likeliest places, and the mass of the first as its confidence."""
+        """Return the likeliest places; the confidence is the mass of the first."""
         frame, belief = query.frame, self._belief
         self._coarse.update(query.buffer.newest.descriptor, query.usable)
         if query.missing > BUFFER.longest_gap:
@@ -78,17 +78,17 @@ class BeliefDecider:
         else:
             others = 1 - belief.elsewhere - confidence
             reason = Reason.AMBIGUOUS if others > belief.elsewhere else Reason.WEAK
-        found = self._candidates(best, seen, query)
-        return Answer(reason, found, length, confidence, excess_m)
+        candidates = self._candidates(best, seen, query)
+        return Answer(reason, candidates, length, confidence, excess_m)
 
     def _best_look(self, best: int, seen: Observation) -> int:
-        """Return the look of a place that the newest frame shows best."""
+        """Return the look of a place with the highest verification score for the newest frame."""
         looks = self._strengths(best, seen)
-        shown = max(looks, key=lambda one: looks[one], default=best)
-        return best if shown in self._map.bounds.around(best, _WINDOW) else shown
+        strongest = max(looks, key=lambda look: looks[look], default=best)
+        return best if strongest in self._map.bounds.around(best, _WINDOW) else strongest
 
     def _learn(self, best: int, seen: Observation, session_start: int) -> None:
-        """Take in a match."""
+        """Update the odometry prior and the likelihood after a match."""
         self._prior.fix(best)
         self._observer.end_search()
         near = self._near.mask(seen.places, best, _WINDOW)
@@ -98,13 +98,13 @@ class BeliefDecider:
             learned.learn(max(strengths.values()), best >= session_start)
 
     def _strengths(self, best: int, seen: Observation) -> dict[int, float]:
-        """Return how strongly a place, and its looks, were verified."""
-        looked = np.array([*seen.verified], np.int64)
-        looks = looked[self._near.mask(looked, best, _WINDOW)].tolist()
-        return {one: strength_of(seen.verified[one]) for one in looks}
+        """Return the verification scores of a place and of its looks, as far as verified."""
+        verified = np.array([*seen.verified], np.int64)
+        looks = verified[self._near.mask(verified, best, _WINDOW)].tolist()
+        return {look: strength_of(seen.verified[look]) for look in looks}
 
     def _candidates(self, best: int, seen: Observation, query: Query) -> Candidates:
-        """Return the modes of the belief, no two near each other, the best first."""
+        """Return the modes of the belief, best first, no two of them near each other."""
         config, places = query.config.acceptance, self._belief.places
 
         def near(place: int) -> Flags:
@@ -112,14 +112,14 @@ class BeliefDecider:
 
         left = np.where(near(best), -np.inf, self._belief.mass)
         others = apart(left, config.num_candidates - 1, lambda at: near(int(places[at])))
-        found = best, *places[others].tolist()
-        return tuple(self._candidate(one, seen, query) for one in found)
+        modes = best, *places[others].tolist()
+        return tuple(self._candidate(mode, seen, query) for mode in modes)
 
     def _candidate(self, index: int, seen: Observation, query: Query) -> Candidate:
         near = self._map.bounds.around(index, 1)
-        shown = [seen.verified[one].inliers for one in (index, *near) if one in seen.verified]
+        inliers = [seen.verified[at].inliers for at in (index, *near) if at in seen.verified]
         score = self._score(index, query)
-        return candidate(self._map.places, index, score, shown[0] if shown else None)
+        return candidate(self._map.places, index, score, inliers[0] if inliers else None)
 
     def _score(self, index: int, query: Query) -> float:
         """Return the mean of the pair scores along the diagonal that ends at a place."""
@@ -132,5 +132,5 @@ class BeliefDecider:
             for row, step in met
             if row is not None and first <= index - step < min(end, len(row))
         ]
-        known = [one for one in pairs if one >= 0]
-        return sum(known) / len(known) if known else 0.0
+        scores = [score for score in pairs if score >= 0]  # not NaN
+        return sum(scores) / len(scores) if scores else 0.0

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What decides: one question, one complete answer."""
+"""The interface of the deciders: from a query to its candidates and a reason."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,26 +15,26 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Query:
-    """A keyframe that shows something, with those before it."""
+    """An informative keyframe, with the keyframes before it."""
 
     frame: Frame
     buffer: QueryBuffer  # its newest frame is the query
-    usable: int  # the first so many places may be matched, at least one
-    session_start: int  # places from here on are of this very drive
-    config: Config  # as it is now
-    length: int | None  # k of the paper; None if that takes more frames than there are
-    missing: int = 0  # keyframes that were dropped before it
+    usable: int  # number of places, from the first, that may be matched; at least one
+    session_start: int  # places from this index on are of the running drive
+    config: Config  # the current one; it may change between frames
+    length: int | None  # k of the paper; None while the buffer has too few frames
+    missing: int = 0  # number of keyframes that were dropped before this one
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What is decided about a query."""
+    """The decision about a query."""
 
     reason: Reason
     candidates: Candidates = ()  # best first
-    length: int = 0  # frames matched together
+    length: int = 0  # number of frames matched together
     confidence: float | None = None  # probability that the best is right, if it is known
-    implausible_m: float | None = None  # by how much odometry denies the best, if it does
+    implausible_m: float | None = None  # distance of the best beyond what odometry allows
 
 
 def candidate(
@@ -46,22 +46,22 @@ def candidate(
 
 
 class Decider(Protocol):
-    """Decides frame after frame: `PaperDecider`, as the paper does, or `BeliefDecider`."""
+    """Decides frame by frame: `PaperDecider`, as the paper does, or `BeliefDecider`."""
 
     def decide(self, query: Query) -> Answer:
-        """Return what is known about the place that the newest frame shows."""
+        """Return the places that the newest frame may show, and whether the best is a match."""
 
     def reset(self) -> None:
         """Forget the drive."""
 
     def share(self, other: object) -> None:
-        """Have what odometry says of the matches of another camera's decider hold for both."""
+        """Share the odometry prior with the decider of another camera of the robot."""
 
 
 def apart(scores: Doubles, count: int, near: Callable[[int], Flags]) -> list[int]:
-    """Return where the best so many finite scores (n,) are, none `near` (n,) a better one."""
-    left, found = np.isfinite(scores), list[int]()
-    while len(found) < count and left.any():
-        found.append(int(np.where(left, scores, -np.inf).argmax()))
-        left &= ~near(found[-1])
-    return found
+    """Return positions of the `count` best finite scores (n,), none `near` (n,) a better one."""
+    left, peaks = np.isfinite(scores), list[int]()
+    while len(peaks) < count and left.any():
+        peaks.append(int(np.where(left, scores, -np.inf).argmax()))
+        left &= ~near(peaks[-1])
+    return peaks

@@ -1,14 +1,14 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The likelihood: how many times likelier what a frame shows is at a place than elsewhere.
+The likelihood ratio of a frame: how many times likelier it is at a place than elsewhere.
 
-What counts is by how much a place leads the best control, a place that is none of its looks, in
-pair score and in verification score. Both leads are divided by the mean gap between the controls:
-the best of many that are no match scatter as a Gumbel distribution does, so the gaps between them
-are exponential, and their mean is its scale. So a lead says the same in a forest and in a corridor
-of identical lockers. Once a drive has matches, the verification score that these usually have
-counts as well.
+It depends on two leads of a place over the best control, a place that is not near it: in pair
+score and in verification score (strength). Both leads are divided by the scale of the controls:
+the best of many wrong places follow a Gumbel distribution, the gaps between them are exponential,
+and the mean gap is the scale. So a lead means the same in a forest and in a corridor of identical
+lockers. After the first match of a drive, a place is also compared with the usual strength of
+its matches.
 """
 
 from dataclasses import dataclass
@@ -22,43 +22,43 @@ import numpy as np
 @constants
 class RATIO:
     """
-    Of the log of the likelihood ratio.
+    Coefficients of the logarithm of the likelihood ratio.
 
-    Chosen with corridor, laps and Gardens Point in view. scripts/fit_observation.py prints a
-    logistic regression beside them; it was not fitted anew since rough scores came.
+    Chosen by hand on corridor, laps and Gardens Point. scripts/fit_observation.py prints a
+    logistic regression for comparison; it was not repeated after rough scores were introduced.
     """
 
     constant: float = -0.7  # without a lead
-    strength: float = 0.4  # for a lead of one scale by verification
-    score: float = 0.5  # for a lead of one scale by pair score ...
-    most_scales: float = 5.0  # of which no more count: one alike house scores as a whole street
-    unrelated: float = 30.0  # strength of unrelated images, in the middle of all sets
-    # By which a place beside one that leads is less likely, for each place between them.
+    strength: float = 0.4  # per scale of the lead in strength
+    score: float = 0.5  # per scale of the lead in pair score ...
+    most_scales: float = 5.0  # ... up to this many: one similar house can score like a street
+    unrelated: float = 30.0  # median strength of unrelated images
+    # Loss per place of distance from a place that leads, for the places beside it.
     beside: float = 0.25
     least: float = -2.0
     most: float = 6.5
-    # Scale of the gaps between controls' pair scores, before a drive has shown any, and how many
-    # frames it counts for; that of strengths, in square roots, doubled, is 1. The power takes back
-    # part of what a drive shows, as it shows it late.
+    # Scale of the controls' pair scores before a drive has any, and the memory of both scales; the
+    # scale of strengths (of twice their square root) starts at 1. The power weakens the scale, as
+    # a drive reveals it late.
     prior_score: float = 0.008
     memory: float = 20.0  # frames
     power: float = 0.7
-    # A place that is shown far worse than true ones are on this drive is not true: the log of the
-    # share of the usual strength, times this, below ...
+    # A place with far less strength than matches of the drive have is wrong. The log ratio loses
+    # `doubt` times the logarithm of its share of the usual strength, if that is below `share`.
     doubt: float = 2.5
-    share: float = 0.6  # this share. On its own drive, usual is what the frame before has.
-    # From this share of what matches of this drive usually have, a place is another hypothesis and
-    # no control; and a control denies a place no further than its own share does.
+    share: float = 0.6  # For places of the running drive, usual is that of the last two frames.
+    # From this share of the usual strength on, a place is a rival hypothesis and not a control;
+    # and a control lowers the ratio of a place only as far as this share allows.
     alike: float = 0.75
-    level_memory: float = 5.0  # matches over which the usual strength is averaged
+    level_memory: float = 5.0  # number of matches over which the usual strength is averaged
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Leads:
-    """By how much verified places lead their hardest control, in scales."""
+    """The leads of verified places over the best control, in scales."""
 
-    strength: Doubles  # (n,), by places
-    score: Doubles  # (n,), of a bounded number of scales
+    strength: Doubles  # (n,), by place
+    score: Doubles  # (n,), by place; at most `RATIO.most_scales`
 
     @property
     def log_ratios(self) -> Doubles:
@@ -68,10 +68,10 @@ class Leads:
 
 
 class RecentMean:
-    """The mean of the last values or so, and at first of what was usual before."""
+    """The mean of recent values, which fade; it starts as a prior value."""
 
-    def __init__(self, usual: float, count: float) -> None:
-        self._sum, self._count = usual * count, count
+    def __init__(self, prior: float, count: float) -> None:
+        self._sum, self._count = prior * count, count
 
     @property
     def value(self) -> float:
@@ -84,10 +84,9 @@ class RecentMean:
 
 def gumbel_scale(best: Doubles) -> float | None:
     """
-    Return the scale of what scatters as the best of many do, given the best few (n,).
+    Return the scale of the Gumbel distribution of the best few of many values, (n,).
 
-    The k-th gap between them is exponential, with the k-th part of the scale as its mean. None of
-    fewer than three.
+    The k-th gap between them is exponential, with a mean of scale / k. None for fewer than three.
     """
     if len(best) < 3:
         return None
@@ -96,7 +95,7 @@ def gumbel_scale(best: Doubles) -> float | None:
 
 
 class Likelihood:
-    """Judges verified places, by what this drive has shown so far."""
+    """Computes likelihood ratios of verified places, with statistics of the drive so far."""
 
     def __init__(self) -> None:
         self.reset()
@@ -104,34 +103,34 @@ class Likelihood:
     def reset(self) -> None:
         self._strength_scale = RecentMean(1.0, RATIO.memory / 2)
         self._score_scale = RecentMean(RATIO.prior_score, RATIO.memory / 2)
-        # What matches usually have, as a logarithm: places of other drives, and of this one.
+        # Logarithm of the usual strength of matches, by `is_current`.
         self._usual: dict[bool, float] = {}
-        self._missed = RecentMean(0.5, 1.0)  # share of frames that do not show their place
+        self._missed = RecentMean(0.5, 1.0)  # share of frames that alone do not show their place
 
     @property
     def unseen(self) -> float:
-        """The log ratio of places that were not verified: how rarely true ones are not."""
+        """The log ratio of places that were not verified: low if true ones usually are."""
         return max(RATIO.least, 0.5 * math.log(max(self._missed.value, 1e-3)))
 
     def confirm(self, is_shown: bool) -> None:
-        """Take in whether the newest frame alone shows the place that is sure."""
+        """Take in whether the newest frame alone speaks for the matched place."""
         self._missed.add(not is_shown)
 
-    def learn(self, strength: float, is_own: bool) -> None:
-        """Take in how strongly a match was verified, of a place of this drive or of another."""
+    def learn(self, strength: float, is_current: bool) -> None:
+        """Take in the strength of a match; `is_current`: its place is of the running drive."""
         new = math.log(strength)
-        usual = self._usual.setdefault(is_own, new)
-        self._usual[is_own] += (new - usual) / RATIO.level_memory
+        usual = self._usual.setdefault(is_current, new)
+        self._usual[is_current] += (new - usual) / RATIO.level_memory
 
-    def hypotheses(self, strengths: Doubles, is_own: Flags) -> Flags:
-        """Return which places (n,) are shown as strongly as matches of this drive are."""
-        return self._shares(strengths, is_own) > math.log(RATIO.alike)
+    def hypotheses(self, strengths: Doubles, is_current: Flags) -> Flags:
+        """Return which places (n,) have nearly the usual strength of matches."""
+        return self._shares(strengths, is_current) > math.log(RATIO.alike)
 
     def judge(self, strengths: Doubles, scores: Doubles, is_rival: Flags) -> Leads:
         """
-        Return by how much verified places (n,) lead the hardest of the controls among them.
+        Return the leads of verified places (n,) over the best of the rivals among them.
 
-        Learns how far the controls are apart.
+        Updates the scales with the gaps between the rivals.
         """
         roots = 2 * np.sqrt(strengths)
         hardest = roots[is_rival].max(initial=0.0) or 2 * math.sqrt(RATIO.unrelated)
@@ -144,27 +143,28 @@ class Likelihood:
                 scale.add(gap)
         return Leads(lead, above.clip(-RATIO.most_scales, RATIO.most_scales))
 
-    def support(self, strengths: Doubles, is_own: Flags) -> Doubles:
-        """Return how far a control may deny places (n,): not as strong ones as matches have."""
-        return (RATIO.doubt * self._shares(strengths, is_own)).clip(RATIO.least, 0.0)
+    def support(self, strengths: Doubles, is_current: Flags) -> Doubles:
+        """Return lower bounds (n,) of the log ratios: 0 for a place as strong as a match."""
+        return (RATIO.doubt * self._shares(strengths, is_current)).clip(RATIO.least, 0.0)
 
-    def doubts(self, strengths: Doubles, is_own: Flags, step: Verification | None) -> Doubles:
+    def doubts(self, strengths: Doubles, is_current: Flags, step: Verification | None) -> Doubles:
         """
-        Return what speaks against places (n,) that are shown worse than true ones are.
+        Return log ratios (n,), at most 0, against places with less strength than usual.
 
-        Places of this drive are compared with the `step` from the frame before.
+        Places of the running drive are compared with `step`, the verification of the last two
+        frames.
         """
         known = math.log(strength_of(step)) if step else -math.inf
-        usual = np.where(is_own, known, self._usual.get(False, -math.inf))
+        usual = np.where(is_current, known, self._usual.get(False, -math.inf))
         share = np.log(strengths) - usual - math.log(RATIO.share)
         return (RATIO.doubt * share).clip(RATIO.least, 0.0)
 
-    def _shares(self, strengths: Doubles, is_own: Flags) -> Doubles:
-        """Return logarithms of shares (n,) of what matches usually have; -inf if none is known."""
+    def _shares(self, strengths: Doubles, is_current: Flags) -> Doubles:
+        """Return logarithms (n,) of shares of the usual strength; -inf if it is not known."""
         own, other = (self._usual.get(kind, math.inf) for kind in (True, False))
-        return np.log(strengths) - np.where(is_own, own, other)
+        return np.log(strengths) - np.where(is_current, own, other)
 
 
-def strength_of(shown: Verification) -> float:
-    """Return how strongly a place is verified; what lies on the ground alone, hardly counts."""
-    return max(min(shown.strength, 3 * shown.upper), RATIO.unrelated / 2)
+def strength_of(result: Verification) -> float:
+    """Return the strength of a verification, at most 3 times that of the image's upper half."""
+    return max(min(result.strength, 3 * result.upper), RATIO.unrelated / 2)

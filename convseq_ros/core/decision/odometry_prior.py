@@ -1,9 +1,9 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where odometry allows the robot to be: it may have drifted since the last match, by some share.
+The odometry prior: how far each place is from where odometry allows the robot to be.
 
-Each frame of a map's poses is a map of its own; a place of this very drive lies in odometry's.
+Drift counts from the last match, one for each coordinate frame of the map; see `_initial_fix`.
 """
 
 from array import array
@@ -20,30 +20,30 @@ import numpy as np
 
 @constants
 class SLACK:
-    """By how much a match itself may be off; engineering, not studied."""
+    """The error of a match itself; engineering, not studied."""
 
-    places: float = 5.0  # times the way to the next place
+    places: float = 5.0  # in distances to the next place
     least_m: float = 0.5
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Fix:
-    """A match, as a link between the frames of the map and of odometry."""
+    """A match: the transform between the coordinate frames of the map and of odometry."""
 
-    map_odometry: Matrix  # (4, 4)
-    way_m: float  # that odometry had come then
-    turn_rad: float
-    by: int = 0  # the camera that made it
+    map_odometry: Matrix  # (4, 4), from odometry to the map
+    way_m: float  # travelled distance at the match
+    turn_rad: float  # sum of turns at the match
+    by: int = 0  # id of the camera's prior that made the match
 
 
 @dataclass(eq=False, slots=True)
 class Way:
-    """How far odometry has come, and what was sure on the way; of all cameras of a robot."""
+    """The travelled distance, the sum of turns and the last matches, of all cameras of a robot."""
 
-    last: Matrix | None = None  # (4, 4), where it was
+    last: Matrix | None = None  # (4, 4), the last odometry pose
     way_m: float = 0.0
     turn_rad: float = 0.0
-    sure: dict[str, Fix] = field(default_factory=dict)  # the last, by frame
+    fixes: dict[str, Fix] = field(default_factory=dict)  # the last match by coordinate frame
 
     def move(self, here: Matrix) -> None:
         last = here if self.last is None else self.last
@@ -53,7 +53,7 @@ class Way:
 
 
 class OdometryPrior:
-    """Compares places with odometry; in a map that `grows` it remembers 24 bytes a keyframe."""
+    """Compares places with odometry; in a map that `grows` it stores 24 bytes per keyframe."""
 
     def __init__(self, reference_map: ReferenceMap, config: RobotConfig, grows: bool) -> None:
         self._map, self._config, self._grows = reference_map, config, grows
@@ -61,17 +61,17 @@ class OdometryPrior:
         self.reset()
 
     def share(self, other: 'OdometryPrior') -> None:
-        """Have what either is sure of hold for both: two cameras of one base."""
+        """Share the matches of another camera of the same base."""
         self._way = other._way
 
     def reset(self) -> None:
         self._here: Matrix | None = None
         self._way.last, self._way.way_m, self._way.turn_rad = None, 0.0, 0.0
-        self._way.sure.clear()
+        self._way.fixes.clear()
         self._stamps, self._ways, self._turns = array('q'), array('d'), array('d')
 
     def move(self, stamp_ns: int, pose: Pose | None) -> None:
-        """Take in where odometry is at the next keyframe, if it tells."""
+        """Take in the odometry pose of the next keyframe, if there is one."""
         self._here = None if pose is None else matrix(pose)
         if self._here is None:
             return
@@ -82,30 +82,30 @@ class OdometryPrior:
             self._turns.append(self._way.turn_rad)
 
     def shares(self, places: Indices, session_start: int) -> Doubles:
-        """Return the share in [0, 1] that odometry leaves of what enters places (n,)."""
+        """Return the share (n,), in [0, 1], of mass that odometry allows to enter each place."""
         if self._here is None:
             return np.ones(len(places))
-        off = [self._off(one, session_start) or (0.0, 0.0) for one in places.tolist()]
+        off = [self._off(place, session_start) or (0.0, 0.0) for place in places.tolist()]
         return np.exp(-0.5 * np.array([sigmas for sigmas, _ in off]).clip(max=40.0) ** 2)
 
     def excess_m(self, place: int, session_start: int) -> float | None:
-        """Return by how much further off a place is than odometry may have drifted, if it is."""
+        """Return the distance of a place beyond the possible drift; None if it is within."""
         off = self._off(place, session_start)
         return None if off is None or off[1] <= 0 else off[1]
 
     def is_denied(self, place: int, session_start: int) -> bool:
-        """Return whether odometry denies a place by what another camera is sure of."""
-        sure = self._way.sure.get(self._frame(place))
-        is_other = sure is not None and sure.by != id(self)
+        """Return whether the match of another camera and odometry rule out a place."""
+        fix = self._way.fixes.get(self._frame(place))
+        is_other = fix is not None and fix.by != id(self)
         return is_other and self.excess_m(place, session_start) is not None
 
     def fix(self, place: int) -> None:
-        """Take in that the robot is at a place."""
+        """Take in a match: the robot is at a place."""
         pose = self._map.places[place].pose
         if self._here is None or pose is None:
             return
         link = matrix(pose) @ inverse(self._here)
-        self._way.sure[self._frame(place)] = Fix(
+        self._way.fixes[self._frame(place)] = Fix(
             link, self._way.way_m, self._way.turn_rad, id(self)
         )
 
@@ -114,23 +114,23 @@ class OdometryPrior:
         position = self._map.places.position(place)
         if self._here is None or position is None or not self._config.odometry_way_error:
             return None
-        own = self._first(place) if place >= session_start else None
-        if (sure := self._way.sure.get(self._frame(place)) or own) is None:
+        initial = self._initial_fix(place) if place >= session_start else None
+        if (fix := self._way.fixes.get(self._frame(place)) or initial) is None:
             return None
-        here = sure.map_odometry[:3, :3] @ self._here[:3, 3] + sure.map_odometry[:3, 3]
+        here = fix.map_odometry[:3, :3] @ self._here[:3, 3] + fix.map_odometry[:3, 3]
         off_m = math.dist(here, position) - self._slack_m(place)
-        turn_rad = min(self._way.turn_rad - sure.turn_rad, math.tau)
+        turn_rad = min(self._way.turn_rad - fix.turn_rad, math.tau)
         share = self._config.odometry_way_error + self._config.odometry_turn_error * turn_rad
-        drift_m = share * (self._way.way_m - sure.way_m)
+        drift_m = share * (self._way.way_m - fix.way_m)
         # The bounds of the drift are two sigmas.
         return 2 * max(0.0, off_m) / max(drift_m, 1e-3), off_m - drift_m
 
     def _frame(self, place: int) -> str:
         session = self._map.sessions[self._map.places.session(place)]
-        return session.frame or session.id  # a frame without a name is the session's own
+        return session.frame or session.id  # a frame without a name is used by one session only
 
-    def _first(self, place: int) -> Fix | None:
-        """Return what holds of a place of this drive before it is matched: no drift then."""
+    def _initial_fix(self, place: int) -> Fix | None:
+        """Return the state without drift when a place of the running drive was recorded."""
         if not self._stamps:
             return None
         stamp_ns = self._map.places[place].stamp_ns
@@ -138,9 +138,9 @@ class OdometryPrior:
         return Fix(np.eye(4), self._ways[at], self._turns[at])
 
     def _slack_m(self, place: int) -> float:
-        """Return by how much a match may be off: some of the way to the places beside it."""
+        """Return the error of a match in metres, by the distance to the neighbouring places."""
         near = self._map.bounds.around(place, 1)
         positions = [self._map.places.position(at) for at in near if at < len(self._map)]
-        known = [one for one in positions if one is not None]
-        way_m = max(math.dist(one, other) for one in known for other in known)
+        known = [position for position in positions if position is not None]
+        way_m = max(math.dist(first, second) for first in known for second in known)
         return max(SLACK.least_m, SLACK.places * way_m)

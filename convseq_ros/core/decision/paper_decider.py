@@ -16,8 +16,8 @@ class PaperDecider:
 
     Notes
     -----
-    With one departure: the paper always answers; here the best must lead its best rival, more than
-    `rival_distance` away, by `min_margin`, as scores of unrelated places lie near true ones.
+    Departure: the paper always answers. Here the best must lead its best rival, more than
+    `rival_distance` away, by `min_margin`, because scores of unrelated places are nearly as high.
 
     """
 
@@ -29,7 +29,7 @@ class PaperDecider:
         self._coarse.reset()
 
     def share(self, _other: object) -> None:
-        """Share nothing: odometry has no say."""
+        """Share nothing: this decider does not use odometry."""
 
     def decide(self, query: Query) -> Answer:
         """Return the best places by their sequence scores."""
@@ -38,32 +38,32 @@ class PaperDecider:
         self._coarse.update(newest.descriptor, query.usable)
         ends = self._coarse.best(self._listed, self._listed // 4)
         if length is None:
-            buffer.score(1, ends)  # what is kept saves time later
+            buffer.score(1, ends)  # these scores are cached for the next frames
             return Answer(Reason.WARMING_UP)
         # III-D: pair scores; III-G: sums along diagonals; the best sequences are the candidates.
         buffer.score(length, ends)
         scores = buffer.best_scores(length, ends)
-        found = self._best(ends, scores, query.config.acceptance)
-        if not found:
+        candidates = self._best(ends, scores, query.config.acceptance)
+        if not candidates:
             starts = self._map.bounds.starts
             spans = np.diff(starts[starts < query.usable], append=query.usable)
             is_short = spans.max(initial=0) < length
             return Answer(Reason.MAP_TOO_SHORT if is_short else Reason.WARMING_UP, (), length)
-        return Answer(decide_by_margin(found, query.config.acceptance), found, length)
+        return Answer(decide_by_margin(candidates, query.config.acceptance), candidates, length)
 
     def _best(self, ends: Indices, scores: Doubles, config: AcceptanceConfig) -> Candidates:
-        def near(top: int) -> Flags:
-            return self._map.bounds.near(ends, int(ends[top]), config.rival_distance)
+        def near(peak: int) -> Flags:
+            return self._map.bounds.near(ends, int(ends[peak]), config.rival_distance)
 
         places, count = self._map.places, max(2, config.num_candidates)
         return tuple(
-            candidate(places, int(ends[one]), float(scores[one]))
-            for one in apart(scores, count, near)
+            candidate(places, int(ends[peak]), float(scores[peak]))
+            for peak in apart(scores, count, near)
         )
 
 
 def decide_by_margin(candidates: Candidates, config: AcceptanceConfig) -> Reason:
-    """Decide by the lead of the first of at least one candidate over the second."""
+    """Return ACCEPTED if the first candidate leads the second by `min_margin`."""
     if len(candidates) < 2:
         return Reason.TOO_FEW_RIVALS
     lead = candidates[0].score - candidates[1].score

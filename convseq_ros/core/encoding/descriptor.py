@@ -14,37 +14,37 @@ import numpy as np
 
 @constants
 class ENTROPY:
-    """Of the local entropy (paper III-B; where it is silent, the released script)."""
+    """The local entropy (paper III-B, and the released script for what it does not state)."""
 
-    max_bits = float(np.iinfo(np.uint8).bits)  # of a pixel; entropy is told as a share of them
+    max_bits = float(np.iinfo(np.uint8).bits)  # of a pixel; entropy is given as a share of them
     side_px: int = 100  # of the small copy that entropy is computed on
     radius_px: int = 5  # of the disk around a pixel
-    outside = int(2**max_bits)  # level that stands for what lies beyond the image
+    outside = int(2**max_bits)  # level of pixels beyond the image
     # Bits; terms are multiples of it, so that any sum of them, below 2 ** 11, is exact in float64.
     step = 2.0 ** (11 - 53)
-    resolution: float = 2.0**-32  # bits; how processors add up must not decide what is salient
+    resolution: float = 2.0**-32  # bits; saliency must not depend on the order of addition
 
 
 @constants
 class HOG:
-    """Of the histograms (paper III-C; where it is silent, the released script)."""
+    """The histograms (paper III-C, and the released script for what it does not state)."""
 
     cell_px: int = 16  # W2 = H2 in the paper
     bins: int = 8  # L in the paper
-    margin_px = 5 // 2  # beside the image; a 5 x 5 Sobel reaches so far
+    margin_px = 5 // 2  # on each side of the image, for a 5 x 5 Sobel filter
     hidden_bits: float = -1000.0  # entropy of a masked cell, so that no region with it is salient
 
 
-# Of EncodingConfig.resize. The second gives other pixels on ARM than on x86, by 1 in 12 of 100.
+# By EncodingConfig.resize. With the second, 12 % of pixels differ by 1 between ARM and x86.
 INTERPOLATIONS = {'exact': cv2.INTER_LINEAR_EXACT, 'linear': cv2.INTER_LINEAR}
 
 
 def describe(gray: Gray, config: EncodingConfig = EncodingConfig()) -> Descriptor:
     """
-    Return that of an upright grey image of any size, made square.
+    Return the descriptor of an upright grey image of any size, which is scaled to a square.
 
-    Masked cells are without gradient, and no region with one is salient. ValueError if it is not
-    (H, W) uint8, or the encoding's mask is of other cells (`view.with_mask_read`).
+    Masked cells have no gradient, and no region with one is salient. ValueError if the image is
+    not (H, W) uint8, or the mask is of a different number of cells (`view.with_mask_read`).
     """
     if gray.ndim != 2 or gray.dtype != np.uint8 or gray.size == 0:
         raise ValueError(f'expected (H, W) uint8, got {gray.shape} {gray.dtype}')
@@ -61,7 +61,7 @@ def describe(gray: Gray, config: EncodingConfig = EncodingConfig()) -> Descripto
 
 @cache
 def seen_cells(mask: str, side: int) -> Flags:
-    """Return which cells an encoding's mask shows, (side, side); ValueError if none of them."""
+    """Return which cells an encoding's mask shows, (side, side); ValueError if it shows none."""
     if not mask:
         return np.ones((side, side), np.bool_)
     bits = np.unpackbits(np.frombuffer(bytes.fromhex(mask.removeprefix('#')), np.uint8))
@@ -74,19 +74,19 @@ def seen_cells(mask: str, side: int) -> Flags:
 
 
 def salient_regions(cells: Doubles, threshold: float) -> Flags:
-    """Return where 2 x 2 cells' mean bits reach a share of 8, the paper's ET: ((S - 1) ** 2,)."""
+    """Return which 2 x 2 cells, ((S - 1) ** 2,), reach a mean share of 8 bits, the paper's ET."""
     regions = (cells[:-1, :-1] + cells[:-1, 1:] + cells[1:, :-1] + cells[1:, 1:]) / 4
     return (regions >= threshold * ENTROPY.max_bits).ravel()
 
 
 def whole_descriptor(cells: Floats) -> Descriptor:
-    """Return the descriptor of a place; a map does not say what is salient, so all of it is."""
-    every = np.full(cells.shape[:2], ENTROPY.max_bits)
-    return Descriptor(cells, np.ones((len(cells) - 1) ** 2, np.bool_), every, 1.0)
+    """Return the descriptor of a place; all regions are salient, as maps store no entropy."""
+    entropy = np.full(cells.shape[:2], ENTROPY.max_bits)
+    return Descriptor(cells, np.ones((len(cells) - 1) ** 2, np.bool_), entropy, 1.0)
 
 
 def blank_descriptor(config: EncodingConfig) -> Descriptor:
-    """Return the descriptor of an image without gradient, which is not informative."""
+    """Return the uninformative descriptor of an image without gradient."""
     side, _, _ = shape = cell_shape(config.image_size_px)
     salient = np.zeros((side - 1) ** 2, np.bool_)
     return Descriptor(np.zeros(shape, np.float32), salient, np.zeros((side, side)), 0.0)
@@ -100,20 +100,20 @@ def cell_shape(image_size_px: int) -> tuple[int, int, int]:
 
 def cell_histograms(gray: Gray, seen: Flags | None = None) -> Floats:
     """
-    Return the orientation histogram of every 16 x 16 px cell of an image (S, S).
+    Return the orientation histograms of the 16 x 16 px cells of an image (S, S).
 
-    Those that are not `seen`, (S / 16, S / 16), do not decide which pixel is the brightest.
+    Cells that are not `seen`, (S / 16, S / 16), are ignored in the search for the brightest pixel.
 
-    Float32 (S / 16, S / 16, 8): sums of gradient strength, not normalised; zero if there is none.
+    The result is float32 (S / 16, S / 16, 8): sums of gradient strength, not normalised.
 
     Notes
     -----
-    As the released script, with the following choices where the paper is silent: (1) the image is
+    As the released script, with these choices, which the paper does not state: (1) the image is
     gamma-corrected by the square root of its share of the brightest pixel; (2) gradients are 5 x 5
     Sobel; (3) strength is abs(gx + gy) / 2, not the Euclidean length; (4) orientation is signed,
     over 360 degrees, and each pixel votes for its two nearest bins linearly; (5) pixels vote in
-    their own cell only. Equal pixels leave a gradient of some 1e-12 in (2), float64's rounding; it
-    is kept, for a region of such cells only is scaled to unit length like any other.
+    their own cell only. Equal pixels leave a gradient of about 1e-12 in (2), by rounding. It is
+    kept: a region of only such cells is scaled to unit length like any other.
 
     """
     cells = np.zeros(cell_shape(len(gray)), np.float32)
@@ -131,10 +131,10 @@ def cell_histograms(gray: Gray, seen: Flags | None = None) -> Floats:
 
 def cell_entropies(gray: Gray, cells: int, interpolation: int = cv2.INTER_LINEAR_EXACT) -> Doubles:
     """
-    Return the mean local entropy of a square image over each of C x C cells, (C, C), in bits.
+    Return the mean local entropy of a square image in each of C x C cells, (C, C), in bits.
 
-    As the released script, not the paper's text: that of `skimage.filters.rank.entropy` on a 100 x
-    100 copy, enlarged again; beyond the image's edge nothing counts.
+    As the released script, not the paper's text: `skimage.filters.rank.entropy` of a 100 x 100
+    copy, enlarged again; pixels beyond the image's edge do not count.
     """
     enlarged = _enlarged_means(gray.shape[0], cells)
     bits = enlarged @ local_entropy(gray, interpolation) @ enlarged.T
@@ -142,13 +142,13 @@ def cell_entropies(gray: Gray, cells: int, interpolation: int = cv2.INTER_LINEAR
 
 
 def image_entropy(bits: Doubles) -> float:
-    """Return the mean of an entropy map, or of its cells, as a share of 8 bits, in [0, 1]."""
+    """Return the mean of an entropy image, or of its cells, as a share of 8 bits, in [0, 1]."""
     return float(bits.mean()) / ENTROPY.max_bits
 
 
 @cache
 def _enlarged_means(side: int, cells: int) -> Doubles:
-    """Return (C, 100): what each row of the small copy adds to the mean of each row of cells."""
+    """Return (C, 100): the weight of each row of the small copy in each row of cells."""
     size = ENTROPY.side_px
     rows = cv2.resize(np.eye(size), (size, side), interpolation=cv2.INTER_LINEAR)
     return rows.reshape(cells, side // cells, size).mean(axis=1)
@@ -156,10 +156,10 @@ def _enlarged_means(side: int, cells: int) -> Doubles:
 
 def local_entropy(gray: Gray, interpolation: int = cv2.INTER_LINEAR_EXACT) -> Doubles:
     """
-    Return the entropy over a disk around every pixel of a 100 x 100 copy, in [0, 6.34] bits.
+    Return the entropy of a disk around every pixel of a 100 x 100 copy, in [0, 6.34] bits.
 
-    With c pixels of each level and n in all it is log2 n - sum(c log2 c) / n. Beyond the edge lies
-    one more level, whose part of the sum is known.
+    With c pixels of each level and n in all, it is log2 n - sum(c log2 c) / n. Pixels beyond the
+    edge have an additional level, whose part of the sum is known and subtracted.
     """
     size, radius = ENTROPY.side_px, ENTROPY.radius_px
     framed = np.full((size + 2 * radius, size + 2 * radius), ENTROPY.outside, np.uint16)
@@ -173,7 +173,7 @@ def local_entropy(gray: Gray, interpolation: int = cv2.INTER_LINEAR_EXACT) -> Do
 
 @cache
 def _disk() -> tuple[Indices, Doubles, Doubles, Doubles, Indices]:
-    """Return half widths of rows, c log2 c of all c, of c inside and outside, and c inside."""
+    """Return the half widths of rows; c log2 c for all c, c inside, c outside; and c inside."""
     radius, size = ENTROPY.radius_px, ENTROPY.side_px
     away = np.arange(-radius, radius + 1)
     half_widths = np.array([isqrt(radius**2 - y**2) for y in away.tolist()])

@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The first stage: from an image to the one vector by which places are found.
+The first stage: from an image to the vector by which likely places are looked up.
 
-The global descriptor of the cells is built in. Any callable from an image to a vector may take its
-place, such as a network; all that follows goes on as before.
+The built-in vector is the global descriptor of the cells. A descriptor model, any callable from an
+image to a vector, may replace it, for example a network; all later stages stay the same.
 """
 
 from collections.abc import Sequence
@@ -21,60 +21,60 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-HIDDEN = 128  # grey level, in all colours, of what a mask hides from a model
-_SHOWN = 13  # characters of an identity; a SHA-256 has 64
+HIDDEN = 128  # grey level, in all channels, of pixels that a mask hides from a model
+_SHOWN = 13  # characters of an identity that are printed; a SHA-256 has 64
 _UNSAID = 'descriptor_model: the map has descriptors of a model; set it to the model, or give its '
 _UNSAID += 'function as `describe`'
 
 
 class Describe(Protocol):
     """
-    From an image, uint8 (H, W) or (H, W, 3) in the order blue, green, red, to a vector (n,).
+    A descriptor model: from an image, uint8 (H, W) or (H, W, 3) in BGR order, to a vector (n,).
 
-    It may have `identity`, a text that tells it from all others (by default its name), and
-    `wants_color`: if that is true, it gets frames in colour where they have it. A function
-    `batch`, if it has one, gets several images and returns as many vectors, the same as alone.
+    It may have `identity`, a text that distinguishes it from other models (by default its name).
+    If its `wants_color` is true, it gets colour images if frames have them. Its function `batch`,
+    if any, gets several images and returns the same vectors as one call for each.
     """
 
     def __call__(self, image: npt.NDArray[np.uint8], /) -> npt.ArrayLike:
-        """Return the vector; always as many numbers, all finite."""
+        """Return the vector, always of the same length, with finite numbers."""
 
 
 def vector_of(descriptor: Descriptor) -> npt.NDArray[np.float16]:
     """Return the vector (n,) by which a frame is looked up: the model's, or that of its cells."""
-    own = descriptor.vector
-    return global_descriptor(descriptor.cells) if own is None else own
+    vector = descriptor.vector
+    return global_descriptor(descriptor.cells) if vector is None else vector
 
 
 def vector_length(encoding: EncodingConfig) -> int:
-    """Return how many numbers vectors have; 0 if a model decides."""
+    """Return the length of vectors; 0 if a model decides it."""
     if encoding.descriptor_model:
         return 0
     return global_descriptor_length(cell_shape(encoding.image_size_px))
 
 
 def identity_of(describe: Describe) -> str:
-    """Return how a map names what made its vectors; empty for what is built in."""
-    usual = getattr(describe, '__qualname__', type(describe).__qualname__)
-    own = str(getattr(describe, 'identity', usual))
-    return own and f'#{own}'
+    """Return a model's identity as maps store it; empty for the built-in descriptor."""
+    name = getattr(describe, '__qualname__', type(describe).__qualname__)
+    identity = str(getattr(describe, 'identity', name))
+    return identity and f'#{identity}'
 
 
 def model_name(identity: str) -> str:
-    """Return a model as people are told of it."""
+    """Return a model's name for messages."""
     return f'descriptor_model {identity[:_SHOWN]}' if identity else 'the built-in descriptor'
 
 
 def wants_color(describe: Describe) -> bool:
-    """Return whether it is given images in colour, where there are some."""
+    """Return whether a model gets colour images, if there are any."""
     return bool(getattr(describe, 'wants_color', False))
 
 
 def checked_vector(answer: npt.ArrayLike, numbers: int, whose: object) -> npt.NDArray[np.float32]:
     """
-    Return what a model answered as a vector (n,).
+    Return a model's answer as a vector (n,).
 
-    ModelError if it is empty, not finite, or has other than so many numbers; 0 for any.
+    ModelError if it is empty, not finite, or not of length `numbers`; 0 accepts any length.
     """
     vector = np.asarray(answer, np.float32).ravel()
     if not len(vector) or not np.isfinite(vector).all():
@@ -89,10 +89,10 @@ def checked_vector(answer: npt.ArrayLike, numbers: int, whose: object) -> npt.ND
 
 def with_first_stage(config: Config, describe: Describe | None) -> Config:
     """
-    Return a configuration as maps keep it: with the identity of the model, not its path.
+    Return a configuration as maps store it: with the identity of the model, not its path.
 
-    Images are read in colour if the model wants it, and `matching: descriptor` keeps neither cells
-    nor thumbnails.
+    Images are read in colour if the model wants it. With `matching: descriptor`, maps store
+    neither cells nor thumbnails.
     """
     keyframes, encoding, reading = config.keyframes, config.encoding, config.reading
     keeps_cells = config.matching.matching != 'descriptor'
@@ -107,46 +107,46 @@ def with_first_stage(config: Config, describe: Describe | None) -> Config:
 
 class FirstStage:
     """
-    Adds a model's vector to what else is known of a frame; nothing if there is no model.
+    Adds a model's vector to the descriptors of frames; without a model it adds nothing.
 
-    `numbers` are those of the map's vectors, 0 if there is none yet. `duration_ms` is how long the
-    newest vector took, its share if it was made in a batch, 0 before there is one. `batch` makes
-    vectors of several images at once, None if the model cannot. ConfigError if the encoding names
-    a model, and the one that is there, if any, is another.
+    `numbers` is the length of the map's vectors, 0 for an empty map. `duration_ms` is the time of
+    the newest vector, its share if it was computed in a batch, 0 before the first. `batch` is the
+    model's batch function, or None. Raises ConfigError if `describe` is not the model that the
+    encoding names.
     """
 
     def __init__(
         self, describe: Describe | None, encoding: EncodingConfig, numbers: int = 0
     ) -> None:
         self._describe, self._encoding, self.duration_ms = describe, encoding, 0.0
-        self._numbers = numbers  # of a vector, once one is known
+        self._numbers = numbers  # length of vectors, once it is known
         self.batch = getattr(describe, 'batch', None)
-        asked, own = encoding.descriptor_model, identity_of(describe) if describe else ''
-        if asked and not asked.startswith('#'):
-            raise ConfigError(f'descriptor_model: {asked} is a file; open it, and give `describe`')
-        if describe and own != asked:
-            own, asked = model_name(own), model_name(asked)
-            raise ConfigError(f'describe: is {own}, the map is of {asked}; build the map again')
+        named, given = encoding.descriptor_model, identity_of(describe) if describe else ''
+        if named and not named.startswith('#'):
+            raise ConfigError(f'descriptor_model: {named} is a file; open it, and give `describe`')
+        if describe and given != named:
+            names = f'{model_name(given)}, the map is of {model_name(named)}'
+            raise ConfigError(f'describe: is {names}; build the map again')
 
     def add(self, frame: Frame, descriptor: Descriptor) -> Descriptor:
-        """Return what `add_all` does, for one frame."""
+        """Return a frame's descriptor with its vector; see `add_all`."""
         return self.add_all([(frame, descriptor)])[0]
 
-    def add_all(self, seen: Sequence[tuple[Frame, Descriptor]]) -> list[Descriptor]:
+    def add_all(self, frames: Sequence[tuple[Frame, Descriptor]]) -> list[Descriptor]:
         """
-        Return what frames show, with their vectors; those of several are made in one batch.
+        Return the descriptors of frames with their vectors, computed in a batch if there are more.
 
-        ModelError if a vector of the model is empty, not finite, or of another length than before.
+        ModelError if a vector is empty, not finite, or of a different length than before.
         """
         images: dict[int, npt.NDArray[np.uint8]] = {}
         if self._encoding.descriptor_model:
-            for index, (frame, descriptor) in enumerate(seen):
+            for index, (frame, descriptor) in enumerate(frames):
                 if frame.gray is not None and descriptor.vector is None:
                     images[index] = self._image(frame)
-        done = [descriptor for _, descriptor in seen]
+        results = [descriptor for _, descriptor in frames]
         for index, vector in zip(images, self._vectors([*images.values()]), strict=True):
-            done[index] = replace(done[index], vector=unit(vector).astype(np.float16))
-        return done
+            results[index] = replace(results[index], vector=unit(vector).astype(np.float16))
+        return results
 
     def _vectors(self, images: list[npt.NDArray[np.uint8]]) -> list[npt.NDArray[np.float32]]:
         if not images:
@@ -166,7 +166,7 @@ class FirstStage:
         return vectors
 
     def _image(self, frame: Frame) -> npt.NDArray[np.uint8]:
-        """Return what the model gets of a frame that has an image; hidden cells are flat."""
+        """Return the frame's image for the model, in colour if wanted; masked cells are grey."""
         image = frame.gray
         if frame.color is not None and self._describe and wants_color(self._describe):
             image = frame.color

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What `kernels` computes, by NumPy and OpenCV: the oracle, and the fallback without C."""
+"""The functions of `kernels` by NumPy and OpenCV: the definition, and the fallback without C."""
 
 from convseq_ros.core.encoding.regions import projected_regions as project
 from convseq_ros.core.types import Doubles, Floats, Gray, Indices
@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 __all__ = ['disk_sums', 'histograms', 'project']
 
-_MARGIN_PX = 2  # beside the image; a 5 x 5 Sobel reaches so far
+_MARGIN_PX = 2  # on each side of the image, for a 5 x 5 Sobel filter
 _INSIDE = slice(_MARGIN_PX, -_MARGIN_PX)
-_STRIP_CELLS = 4  # rows of cells at a time; measured: they stay in the processor's cache
+_STRIP_CELLS = 4  # rows of cells at once; measured: they stay in the processor's cache
 
 
 def disk_sums(
@@ -21,9 +21,9 @@ def disk_sums(
     """
     Fill in the sum of c log2 c over a disk around every pixel, without loops over pixels.
 
-    The n-th pixel of its level, in reading order, adds n log2 n - (n - 1) log2 (n - 1): the equal
-    ones before each pixel of the disk are counted, around all pixels at once, by running sums
-    along the rows of the image.
+    In reading order, the n-th pixel of a level adds n log2 n - (n - 1) log2 (n - 1). So equal
+    pixels before each pixel of the disk are counted, for all disks at once, by running sums along
+    the rows of the image.
     """
     height, width = sums.shape
     line, size = levels.shape[1], levels.size
@@ -58,7 +58,7 @@ def disk_sums(
 
 
 def histograms(framed: Gray, gamma: Doubles, cells: Floats) -> None:
-    """Fill in the cells (S, S, 8) of an image (16 S + 4, 16 S + 4), given each level's gamma."""
+    """Fill in the cells (S, S, 8) of an image (16 S + 4, 16 S + 4); `gamma` is by grey level."""
     side, _, bins = cells.shape
     width = len(framed) - 2 * _MARGIN_PX
     cell_px = width // side

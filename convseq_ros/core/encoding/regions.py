@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Regions: overlapping blocks of cells as unit vectors, which are what is compared of two images.
+Regions: overlapping blocks of cells as unit vectors, by which images are compared.
 
-The paper's are of 2 x 2 cells (III-C); ours, of 3 x 3 cells, are projected from 72 to 32 numbers.
-The global descriptor, made of the latter, is an image at a coarse glance, in half a kilobyte.
+The paper's regions have 2 x 2 cells (III-C). Ours have 3 x 3 cells, projected from 72 to 32
+numbers. The global descriptor summarises the image's projected regions in half a kilobyte.
 """
 
 from functools import cache
@@ -23,14 +23,14 @@ Regions = Floats
 
 @constants
 class REGION:
-    """Sizes; ours were chosen on real image pairs, by pair and by recall (docs/MATCHING.md)."""
+    """Sizes; ours were tuned on real image pairs, by pair and by recall (docs/MATCHING.md)."""
 
     paper_span: int = 2  # cells in a row of a region of the paper (III-C)
     span: int = 3  # cells in a row of a projected region
-    numbers = paper_span**2 * HOG.bins  # of a region, either kind (projection.md)
-    byte_scale: float = 160.0  # of numbers as bytes; hardly any of a unit vector is clipped
-    frequencies: int = 6  # of a global descriptor, down and across together; 21 pairs of them
-    axes: int = 12  # of a global descriptor; channels, of 32
+    numbers = paper_span**2 * HOG.bins  # numbers of a region, of either kind (projection.md)
+    byte_scale: float = 160.0  # from numbers to bytes; hardly any of a unit vector is clipped
+    frequencies: int = 6  # of a global descriptor: row plus column frequency is below; 21 pairs
+    axes: int = 12  # of a global descriptor; the first of the 32 numbers of regions
 
 
 def unit(rows: npt.NDArray[np.floating]) -> Floats:
@@ -40,49 +40,49 @@ def unit(rows: npt.NDArray[np.floating]) -> Floats:
 
 
 def regions_in_a_row(size: int, step: int = 1, span: int = REGION.span) -> int:
-    """Return how many n x n-cell regions, so many cells apart, a row of cells has."""
+    """Return how many regions of `span` cells, `step` cells apart, a row of cells has."""
     return (size - span) // step + 1
 
 
 def joined_regions(cells: Cells, span: int = REGION.span, step: int = 1) -> Regions:
-    """Return n x n-cell regions of cells (S, S, 8), each `step`-th, as unit rows (N, 8 n^2)."""
+    """Return n x n-cell regions of cells (S, S, 8), every `step`-th, as unit rows (N, 8 n^2)."""
     cells = np.ascontiguousarray(cells)
-    (height, width, bins), (row, column, one) = cells.shape, cells.strides
-    # In memory, the cells of a region that lie side by side are one run of numbers.
+    (height, width, bins), (row, column, number) = cells.shape, cells.strides
+    # In memory, neighbouring cells of a row are contiguous.
     down, right = (regions_in_a_row(size, step, span) for size in (height, width))
     shape = down, right, span, span * bins
-    strides = step * row, step * column, row, one
+    strides = step * row, step * column, row, number
     joined = np.lib.stride_tricks.as_strided(cells, shape, strides, writeable=False)
     return unit(joined.reshape(-1, span * span * bins))
 
 
 def paper_regions(cells: Cells) -> Regions:
-    """Return the 2 x 2-cell regions of cells, ((S - 1)^2, 32); 0 without gradient (III-C)."""
+    """Return the 2 x 2-cell regions ((S - 1)^2, 32) of cells; 0 without gradient (III-C)."""
     return joined_regions(cells, REGION.paper_span)
 
 
 @cache
 def projection() -> tuple[Floats, Floats]:
-    """Return the fixed mean (72,) and projection (72, 32); projection.md says where from."""
+    """Return the fixed mean (72,) and projection (72, 32); projection.md gives their origin."""
     with files(__package__).joinpath('projection.npy').open('rb') as file:
         stored = np.load(file, allow_pickle=False)
     return stored[:, 0], stored[:, 1:]
 
 
 def projected_regions(cells: Cells, step: int = 1) -> Regions:
-    """Return the projected regions of 3 x 3 cells, each `step`-th, of cells: unit rows (N, 32)."""
+    """Return the projected 3 x 3-cell regions of cells, every `step`-th, as unit rows (N, 32)."""
     mean, axes = projection()
     return unit((joined_regions(cells, step=step) - mean) @ axes)
 
 
 def global_descriptor(cells: Cells) -> Halves:
     """
-    Return the global descriptor of cells (S, S, 8): (252,), less below 128 px; not normalised.
+    Return the global descriptor of cells (S, S, 8): (252,), fewer below 128 px; not normalised.
 
-    Of the first 12 numbers of projected regions, the leading axes, a cosine transform keeps the 21
-    lowest frequencies: what changes slowly is still there after a shift of a few cells, and an
-    axis of little variance is mostly noise at night. It is fixed, so that maps can grow. Sums are
-    float64: in what order a processor adds up is lost when they are rounded.
+    It is a cosine transform of the first 12 numbers of projected regions (the leading axes), with
+    the 21 lowest frequencies: these change little with a shift of a few cells, and axes of little
+    variance are mostly noise at night. It is fixed, so that maps can grow. Sums are float64, so
+    that after rounding they do not depend on the processor's order of addition.
     """
     regions = kernels_of(__package__).project(cells)
     side = isqrt(len(regions))
@@ -95,20 +95,20 @@ def global_descriptor(cells: Cells) -> Halves:
 
 @cache
 def global_descriptor_length(cell_shape: tuple[int, int, int]) -> int:
-    """Return how many numbers there are for cells of a shape."""
+    """Return the length of the global descriptor for cells of a shape."""
     return len(global_descriptor(np.zeros(cell_shape, np.float32)))
 
 
 @cache
 def _waves(side: int) -> Doubles:
-    """Return the rows of a cosine transform, scaled to give means: (frequencies, side)."""
+    """Return the rows of a cosine transform, (frequencies, side), scaled to give means."""
     frequency = np.arange(min(REGION.frequencies, side))[:, None]
     phase = np.pi * frequency * (np.arange(side) + 0.5) / side
     return np.asarray(np.where(frequency, np.sqrt(2.0), 1.0) / side * np.cos(phase))
 
 
 def thinned(regions: Regions, step: int) -> Regions:
-    """Return of the rows and columns of a square of regions (N, 32) one of each `step`."""
+    """Return every `step`-th row and column of a square of regions (N, 32)."""
     side = isqrt(len(regions))
-    every = regions.reshape(side, side, -1)[::step, ::step]
-    return every.reshape(-1, regions.shape[1])
+    kept = regions.reshape(side, side, -1)[::step, ::step]
+    return kept.reshape(-1, regions.shape[1])

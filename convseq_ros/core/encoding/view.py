@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What of an image is the world: frames turned upright, and what the robot hides masked."""
+"""The preparation of images: frames are turned upright, and hidden parts are masked."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -20,13 +20,13 @@ from convseq_ros.regular_file import read_bytes
 import cv2
 import numpy as np
 
-# What was to the right of a lens is above it when the image is turned to the left.
+# Turning an image to the left moves its right side to the top.
 _ON_ITS_SIDE = of_roll_pitch_yaw((0.0, 0.0, 0.0), math.pi / 2, 0.0, 0.0)
-_WHITE = 128  # level from which on a pixel of a mask is seen
+_WHITE = 128  # level from which on a pixel of a mask is white: the camera sees the world there
 
 
 def upright(frame: Frame, encoding: EncodingConfig, robot: RobotConfig = RobotConfig()) -> Frame:
-    """Return a frame turned as an encoding says; its camera is where it, else the robot, says."""
+    """Return a frame turned as configured; the robot's mount is used if the camera has none."""
     turns = encoding.image_rotation_deg // 90
     camera = frame.camera
     for _ in range(turns if camera else 0):
@@ -58,7 +58,7 @@ def _turned_left(camera: Camera) -> Camera:
 
 
 def _distortion_turned_left(camera: Camera) -> tuple[float, ...]:
-    """Return coefficients of a lens that is turned: the tangential ones change places."""
+    """Return the coefficients of a turned lens: the tangential ones are swapped."""
     if camera.distortion_model == 'equidistant' or len(camera.distortion) < 4:
         return camera.distortion
     k1, k2, p1, p2, *others = camera.distortion
@@ -69,11 +69,11 @@ def with_mask_read(
     encoding: EncodingConfig, reading: ReadingConfig = ReadingConfig()
 ) -> EncodingConfig:
     """
-    Return an encoding whose mask is the cells that are seen, as maps keep it, not a file's path.
+    Return an encoding whose mask is a bit per cell, as maps store it, instead of a file's path.
 
-    A cell is seen if all of it, and 2 px beside it, are white in the upright square image that
-    the mask is scaled to; a mask that hides nothing is none. ConfigError if the file is no
-    picture, or if it hides everything.
+    A cell is seen if all of it, and 2 px around it, are white in the upright square image that
+    the mask is scaled to. A mask that hides nothing becomes empty. ConfigError if the file is not
+    a picture, or if it hides everything.
     """
     path = encoding.image_mask
     if not path or path.startswith('#'):
@@ -85,22 +85,22 @@ def with_mask_read(
     reach = np.ones((2 * HOG.margin_px + 1,) * 2, np.uint8)
     white = cv2.erode((square >= _WHITE).astype(np.uint8), reach)
     seen = white.reshape(side // HOG.cell_px, HOG.cell_px, -1, HOG.cell_px).all(axis=(1, 3))
-    whole = cv2.erode(seen.astype(np.uint8), np.ones((REGION.span,) * 2), borderValue=0)
-    if not whole.any():
+    regions = cv2.erode(seen.astype(np.uint8), np.ones((REGION.span,) * 2), borderValue=0)
+    if not regions.any():
         raise ConfigError(f'image_mask: {path} hides everything; white is what the camera sees')
-    kept = '' if seen.all() else f'#{np.packbits(seen).tobytes().hex()}'
-    return replace(encoding, image_mask=kept)
+    stored = '' if seen.all() else f'#{np.packbits(seen).tobytes().hex()}'
+    return replace(encoding, image_mask=stored)
 
 
 def _read(path: Path, reading: ReadingConfig) -> Gray:
     try:
         data = read_bytes(path, 'a picture', reading.refuse_file)
-        asked, picture = declared_size(data), None
-        if asked:
-            reading.refuse_picture(asked, str(path))
+        size, picture = declared_size(data), None
+        if size:
+            reading.refuse_picture(size, str(path))
     except (ImageError, SourceError) as error:
         raise ConfigError(f'image_mask: {error}') from None
-    if asked:
+    if size:
         with suppress(cv2.error):
             picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
     if picture is None:

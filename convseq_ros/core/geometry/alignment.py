@@ -1,14 +1,14 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where a lens was that saw a reference's regions: robust least squares over all of them.
+The pose of a lens that sees a reference's regions: robust least squares over all of them.
 
-Depths are not exact, and those of far regions are hardly known: so they move along, each held to
-its own as surely as it is known, and what a region says of the pose counts for no more than that.
-The search starts at a given pose, wide at first; for keypoints also at one of samples.
+Depths are uncertain, most of all those of far regions. So they are estimated with the pose, each
+with its information as a prior, and regions of unknown depth hardly affect the position. The fit
+starts at a given pose with a wide sigma; for keypoints also at a pose from random samples.
 
-Where no depth is known, the essential matrix tells rotation and direction. It is weak: to a coarse
-field of distant things a turn and a step to the side look alike.
+Without depth, the essential matrix gives rotation and direction. It is weak: in a coarse field of
+distant things, a turn and a step to the side look the same.
 """
 
 from contextlib import suppress
@@ -26,53 +26,53 @@ import numpy.typing as npt
 
 @dataclass(frozen=True, slots=True)
 class Precision:
-    """How exactly what is aligned was seen, in its unit: cells, or that of keypoints."""
+    """The precision of regions or keypoints, in cells or in `KEYPOINT.unit_px`."""
 
     sigmas: tuple[float, ...]  # of the rounds of least squares
-    agreeing: float  # within which something agrees with a pose
-    fewest: int  # that must agree
-    least_share: float = 0.0  # of what was found, that must agree
-    alike: int = 1  # regions a side of a square whose errors are taken together
+    agreeing: float  # largest error of an inlier
+    fewest: int  # least number of inliers
+    least_share: float = 0.0  # least share of inliers
+    alike: int = 1  # side of a square of regions whose errors are correlated, in regions
 
 
 @constants
 class ALIGNMENT:
-    """Chosen on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
+    """Tuned on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
 
-    # Of regions; of unrelated images less than 40 agree.
+    # For regions; unrelated images have fewer than 40 inliers.
     cells: Precision = Precision(sigmas=(1.0,) * 4 + (0.3,) * 7, agreeing=0.6, fewest=40, alike=3)
-    # Of the way across, which the field misses, for each cell that it moves the middle region.
-    shrunk: float = 0.08  # fitted on drawn streets
-    # Of a start by points in space: deviations of a depth that tells how far its point is, and
-    # how many samples; OpenCV's are always alike.
+    # Share of the way across that the field misses, per cell that it moves a region of median
+    shrunk: float = 0.08  # depth; fitted on drawn streets
+    # RANSAC for the start: least inverse depth of a point, in its sigmas, and the number of
+    # samples; OpenCV draws the same ones each time.
     least_depth_sigmas: float = 3.0
     samples: int = 200
-    # Of all samples: of one without outliers, and from how many points.
+    # Probability of a sample without outliers, and the least number of points.
     probability: float = 0.999
     fewest_points: int = 8
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Alignment:
-    """A pose and how surely it is known; equal to itself only."""
+    """A motion between two lenses and its covariance; equal to itself only."""
 
     moved: Matrix  # (4, 4), from the reference's lens to the other
-    # (6, 6), of a turn, and of a way, in the other lens, both after the motion.
+    # (6, 6), of a turn and of a translation in the other lens, both after the motion.
     covariance: Matrix
-    information: Matrix  # (6, 6), the same as least squares counts it: as if each erred alone
+    information: Matrix  # (6, 6), of the same, as if the errors of regions were independent
     inliers: int
-    share: float  # of the regions that were found, inliers; in (0, 1]
-    cells_per_m: float  # by which a way across moves a region of middle depth
+    share: float  # of inliers among the regions with a displacement; in (0, 1]
+    cells_per_m: float  # displacement of a region of median depth by a way across
     baseline_m: float = math.inf  # between the images that gave the depths
-    # (k, 3), where those images were taken, from the reference's lens.
+    # (k, 3), positions of these images from the reference's lens.
     neighbours: Doubles = field(default_factory=lambda: np.zeros((0, 3)))
-    first_share: float | None = None  # before regions were followed, if they were
+    first_share: float | None = None  # `share` before guided search, if there was one
 
 
 def align(
     structure: Structure, sight: Sight, precision: Precision = ALIGNMENT.cells
 ) -> Alignment | None:
-    """Return the motion to a lens that saw regions, about the sight's; None if few agree."""
+    """Return the motion to the lens of a sight, starting at its guess; None if few agree."""
     seen, scale = sight.seen, sight.scale
     known = np.isfinite(seen).all(axis=1) & (structure.information > 0)
     if known.sum() < precision.fewest:
@@ -89,16 +89,16 @@ def align(
     cells_per_m = float(np.median(inverse) * scale.mean())
     if (share := agreeing / len(inverse)) < precision.least_share:
         return None
-    # What pulls at the pose, summed over neighbours, tells how far they pull together.
+    # Errors of neighbours are correlated: gradients are summed over squares of regions.
     squares = _squares(np.flatnonzero(known), len(known), precision.alike)
-    sums = np.stack([np.bincount(squares, one) for one in pulls.T])
+    sums = np.stack([np.bincount(squares, gradient) for gradient in pulls.T])
     least = np.linalg.inv(information)
     covariance = least @ (information + sums @ sums.T) @ least
     return Alignment(moved, covariance, information, agreeing, share, cells_per_m)
 
 
 def start_by_points(structure: Structure, sight: Sight) -> Matrix | None:
-    """Return the motion to a lens by SQPnP and RANSAC on well-known depths; None if that fails."""
+    """Return the motion to a lens by SQPnP and RANSAC on precise depths; None if that fails."""
     deviations = structure.inverse_m * np.sqrt(structure.information)
     known = np.isfinite(sight.seen).all(axis=1) & (deviations > ALIGNMENT.least_depth_sigmas)
     if known.sum() < ALIGNMENT.fewest_points:
@@ -124,11 +124,11 @@ def start_by_points(structure: Structure, sight: Sight) -> Matrix | None:
 
 def unshrunk(found: Alignment, along: Doubles | None) -> Alignment:
     """
-    Return a motion whose way across the map's is longer, and the turn that fits to it.
+    Return a motion with a corrected part across the map's way, and the turn that compensates it.
 
-    Large parallax comes out too small: the field is smoothed, and what is near leaves the search.
-    Along the way to the neighbours, whose parallax gave the depths, that cancels; across it, what
-    is missing was taken for a turn.
+    Large parallax is underestimated: the field is smoothed, and near regions leave the search.
+    Along the way to the neighbours, whose parallax gave the depths, the error cancels. Across it,
+    the missing part was taken for a turn.
     `along` is that way in the reference's lens, a unit vector (3,); None if depths were measured.
     """
     way, information = found.moved[:3, 3], found.information
@@ -145,7 +145,7 @@ def unshrunk(found: Alignment, along: Doubles | None) -> Alignment:
 
 
 def _squares(regions: npt.NDArray[np.intp], count: int, side: int) -> npt.NDArray[np.intp]:
-    """Return in which square of so many regions a side regions (n,) of a square image lie."""
+    """Return the square, with a side in regions, that each region (n,) of `count` lies in."""
     if side == 1:
         return np.arange(len(regions))
     rows, columns = np.divmod(regions, math.isqrt(count))
@@ -154,25 +154,25 @@ def _squares(regions: npt.NDArray[np.intp], count: int, side: int) -> npt.NDArra
 
 @constants
 class TWO_VIEW:
-    """Engineering, but for the field's error, which was measured."""
+    """Engineering; only the error of the field was measured."""
 
-    fewest: int = 60  # regions that must agree
+    fewest: int = 60  # least number of inliers
     rounds: int = 5  # of the fit of a turn alone
-    still_cells: float = 0.5  # median of what a turn alone leaves, below which there is no way
+    still_cells: float = 0.5  # median error of a turn alone, below which there is no translation
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class TwoView:
-    """What two images say of the motion between their lenses; equal to itself only."""
+    """The motion between two lenses without scale; equal to itself only."""
 
     turned: Matrix  # (3, 3), from the first lens to the second
     direction: Doubles | None  # of the second lens in the first, (3,); None without a baseline
     inliers: int
-    share: float  # of the regions that were found, inliers; in (0, 1]
+    share: float  # of inliers among the regions with a displacement; in (0, 1]
 
 
 def two_view(first: Points, second: Points, scale: Doubles) -> TwoView | None:
-    """Return the motion between lenses that saw (n, 2) each, by cells; None if few agree."""
+    """Return the motion between lenses that see the same regions (n, 2); None if few agree."""
     known = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)
     first, second = first[known], second[known]
     if len(first) < TWO_VIEW.fewest:
@@ -181,7 +181,7 @@ def two_view(first: Points, second: Points, scale: Doubles) -> TwoView | None:
     if np.median(left) < TWO_VIEW.still_cells:
         agree = left <= 2 * TWO_VIEW.still_cells
         return TwoView(turned, None, int(agree.sum()), float(agree.mean()))
-    # Off the epipolar line a tenth of a cell is usual.
+    # The usual distance from the epipolar line is a tenth of a cell.
     threshold = DEPTH.sigma_cells / float(np.sqrt(scale.prod()))
     options = np.eye(3), cv2.RANSAC, ALIGNMENT.probability, threshold
     essential, agree = cv2.findEssentialMat(first, second, *options)
@@ -194,12 +194,12 @@ def two_view(first: Points, second: Points, scale: Doubles) -> TwoView | None:
 
 
 def _turn(first: Points, second: Points, scale: Doubles) -> tuple[Matrix, Doubles]:
-    """Return the rotation between rays, what is far off counting less, and what is left (n,)."""
+    """Return the rotation between rays, robust to outliers, and its errors (n,) in cells."""
     rays = [np.column_stack((seen, np.ones(len(seen)))) for seen in (first, second)]
-    one, other = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
+    here, there = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
     weight = np.ones(len(first))
     for _ in range(TWO_VIEW.rounds):
-        left, _, right = np.linalg.svd((other * weight[:, None]).T @ one)
+        left, _, right = np.linalg.svd((there * weight[:, None]).T @ here)
         turned = left @ np.diag((1.0, 1.0, np.linalg.det(left @ right))) @ right
         straight = rays[0] @ turned.T
         off = np.hypot(*((straight[:, :2] / straight[:, 2:] - second) * scale).T)

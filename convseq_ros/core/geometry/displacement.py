@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The displacement field of two images: where each region of the one lies in the other."""
+"""The displacement field of two images: where each region of the first lies in the second."""
 
 from dataclasses import dataclass
 from math import isqrt
@@ -13,48 +13,48 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-# (n, 5): row and column of a region, rows and columns that it moved, similarity; in cells.
+# (n, 5): row and column of a region, rows and columns that it moved, in cells; its similarity.
 Displacements = Floats
-_WORDS = REGION.numbers // 4  # of a region, four bytes each
-_SPREAD = 32  # columns; rows of regions are padded to a multiple, as in kernels.c
+_WORDS = REGION.numbers // 4  # words of four bytes per region
+_SPREAD = 32  # rows are padded to a multiple of so many columns, as in kernels.c
 
 
 @constants
 class FIELD:
-    """Of the search; chosen on 10 sets, by day and darkened (docs/GEOMETRY.md)."""
+    """The search; tuned on 10 sets, by day and darkened (docs/GEOMETRY.md)."""
 
     # Reach and radius are constants of kernels.c, too.
-    reach_cells: int = 4  # of the search about the common shift; 5 is no better for its time
-    sigma_cells: float = 1.0  # of the Gaussian over neighbours; 1.3 is alike, 1.7 worse
+    reach_cells: int = 4  # of the search around the common shift; 5 is not worth its time
+    sigma_cells: float = 1.0  # of the Gaussian over neighbours; 1.3 is no better, 1.7 worse
     radius_cells = round(3 * sigma_cells)  # where the Gaussian ends
-    tolerance_cells: float = 0.7  # by which what leads there and back may miss
-    # A sum of products of two regions of unit length is below 2 ** 15, in any order.
+    tolerance_cells: float = 0.7  # largest error of a displacement there and back
+    # With this scale, sums of products of two regions stay below 2 ** 15, in any order.
     scale = REGION.byte_scale
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Arranged:
-    """The regions of an image as kernels read them, in bytes; equal to itself only."""
+    """The regions of an image as bytes in the layout of the kernels; equal to itself only."""
 
-    # (side, 8, wide), from the beginning of a cache line: four bytes of a region in a word, and
-    # zeros to the right.
-    # Before and behind them lie 32 + `wide` words that a kernel may read.
+    # (side, 8, wide), aligned to a cache line: each word holds four bytes of a region; rows are
+    # padded with zeros on the right.
+    # Before and after the array lie 32 + `wide` words that a kernel may read.
     rows: npt.NDArray[np.int32]
 
     @property
     def side(self) -> int:
-        """Regions in a row of the image."""
+        """Number of regions in a row of the image."""
         return len(self.rows)
 
     @property
     def regions(self) -> Regions:
-        """The regions, (side ** 2, 32), to half a step of their bytes."""
+        """The regions, (side ** 2, 32), rounded to their bytes."""
         words = np.ascontiguousarray(self.rows[:, :, : self.side].transpose(0, 2, 1))
         return words.view(np.int8).reshape(self.side**2, -1) * np.float32(1 / FIELD.scale)
 
 
 def arranged(regions: Regions) -> Arranged:
-    """Return regions (side ** 2, 32) of at most unit length as kernels read them; NaN is zero."""
+    """Return regions (side ** 2, 32), of at most unit length, for the kernels; NaN becomes 0."""
     side = isqrt(len(regions))
     wide = -(-side // _SPREAD) * _SPREAD
     count, border = side * _WORDS * wide, wide + _SPREAD
@@ -66,7 +66,7 @@ def arranged(regions: Regions) -> Arranged:
 
 
 def weights() -> Floats:
-    """Return what a region's neighbours on either side, and itself, count for: 7 numbers."""
+    """Return the weights (7,) of a region and its neighbours in a row or column; sum 1."""
     cells = np.arange(-FIELD.radius_cells, FIELD.radius_cells + 1)
     window = np.exp(-(cells**2) / (2 * FIELD.sigma_cells**2))
     return np.asarray(window / window.sum(), np.float32)
@@ -76,29 +76,29 @@ def found_in(regions: Arranged, other: Arranged, start: tuple[int, int]) -> Poin
     """
     Return where regions lie in another image, rows and columns (n, 2); NaN if not found.
 
-    They are searched about `start`, rows and columns that all may have moved.
+    The search is around `start`, a common shift of rows and columns.
     """
-    found = kernels_of(__package__).displacements(regions, other, start).astype(np.float64)
+    field = kernels_of(__package__).displacements(regions, other, start).astype(np.float64)
     places = np.full((regions.side**2, 2), np.nan)
-    places[(found[:, 0] * regions.side + found[:, 1]).astype(int)] = found[:, :2] + found[:, 2:4]
+    places[(field[:, 0] * regions.side + field[:, 1]).astype(int)] = field[:, :2] + field[:, 2:4]
     return places
 
 
 def followed(regions: Arranged, other: Arranged, went: Points) -> Points:
     """
-    Return what `found_in` does, for regions that moved by themselves.
+    Return `found_in` of a search that is guided by expected displacements, `went` (n, 2).
 
-    They are expected to have moved by `went`, (n, 2), and the other image is bent until all would
-    stay: none leaves the search, and neighbours move alike. Ours: large parallax is not smoothed
+    The other image is warped so that regions with the expected displacement do not move. Then no
+    region leaves the search, and neighbours move together. Ours: large parallax is not smoothed
     away.
     """
     side = regions.side
     grid = np.indices((side, side)).reshape(2, -1).T.astype(np.float64)
     expected = _image(grid + went, side)
-    bent = cv2.remap(
+    warped = cv2.remap(
         _image(other.regions, side), expected[..., 1], expected[..., 0], cv2.INTER_LINEAR
     )
-    places = found_in(regions, arranged(bent.reshape(side**2, -1)), (0, 0))
+    places = found_in(regions, arranged(warped.reshape(side**2, -1)), (0, 0))
     known = np.isfinite(places).all(axis=1)
     if known.any():
         at, edge = places[known].astype(np.float32), cv2.BORDER_REPLICATE

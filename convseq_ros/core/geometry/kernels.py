@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Displacements and their motion, in C: kernels.c; `numpy_kernels` has the same."""
+"""Displacements, motions and alignment in C (kernels.c), defined by `numpy_kernels`."""
 
 from collections.abc import Sequence
 
@@ -31,19 +31,19 @@ _OF_MOTION = MOTION.sigma_cells, MOTION.rounds, MOTION.stiffness
 
 
 def arrange(regions: Regions, rows: npt.NDArray[np.int32]) -> None:
-    """Do what `numpy_kernels.arrange` does."""
+    """Lay out regions as `numpy_kernels.arrange` does."""
     _arrange(np.ascontiguousarray(regions, np.float32), len(rows), FIELD.scale, rows)
 
 
 def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) -> Displacements:
-    """Return what `numpy_kernels.displacements` does, to 1e-4 cells."""
-    found, kept = np.empty((query.side**2, 5), np.float32), np.zeros(1, np.int64)
-    _displacements(query.rows, reference.rows, query.side, *start, *_OF_FIELD, found, kept)
-    return found[: kept[0]]
+    """Return `numpy_kernels.displacements`, to 1e-4 cells."""
+    rows, count = np.empty((query.side**2, 5), np.float32), np.zeros(1, np.int64)
+    _displacements(query.rows, reference.rows, query.side, *start, *_OF_FIELD, rows, count)
+    return rows[: count[0]]
 
 
 def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motion:
-    """Return what `numpy_kernels.fit_motion` does, to 1e-6 cells."""
+    """Return `numpy_kernels.fit_motion`, to 1e-6 cells."""
     motion, off = initial_motion(start), np.empty(len(found))
     _fit_motion(found, len(found), side, *_OF_MOTION, motion, off)
     return motion, off
@@ -52,18 +52,18 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
 def verified(
     query: Arranged, references: Sequence[Arranged], starts: Sequence[tuple[int, int]]
 ) -> Doubles:
-    """Return what `numpy_kernels.verified` does."""
-    judged = np.empty((len(references), 3))
-    where = np.array([address(one.rows) for one in references], np.uint64)
-    shifts = np.array(starts, np.int64).reshape(-1, 2)
+    """Return `numpy_kernels.verified`."""
+    results = np.empty((len(references), 3))
+    addresses = np.array([address(reference.rows) for reference in references], np.uint64)
+    shifts, count = np.array(starts, np.int64).reshape(-1, 2), len(references)
     _verify(
-        query.rows, where, len(references), query.side, shifts, *_OF_FIELD, *_OF_MOTION, judged
+        query.rows, addresses, count, query.side, shifts, *_OF_FIELD, *_OF_MOTION, results
     )  # fmt: skip
-    return judged
+    return results
 
 
 def align(known: Structure, seen: Doubles, scale: Doubles, sigmas: Doubles, start: Doubles) -> Fit:
-    """Return what `numpy_kernels.align` does, to 1e-9."""
+    """Return `numpy_kernels.align`, to 1e-9."""
     count, rows, inverse = len(seen), start[:3].copy(), known.inverse_m.copy()
     off, pulls, information = np.empty((count, 2)), np.empty((count, 6)), np.empty((6, 6))
     regions = known.rays, seen, known.inverse_m, known.information

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Displacements and their motion by NumPy and OpenCV: the definition, and the fallback."""
+"""Displacements, motions and alignment by NumPy and OpenCV: the definition, and the fallback."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -15,14 +15,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Volume = Floats  # (side * side, span * span), by place and displacement; or -inf
+Volume = Floats  # (side * side, span * span), similarities by place and displacement; or -inf
 _WEIGHTS = weights()
 _SPAN = 2 * FIELD.reach_cells + 1
 _NORMS_KEPT = 16  # of the last common shifts, 370 kB each
 
 
 def arrange(regions: Regions, rows: npt.NDArray[np.int32]) -> None:
-    """Lay out regions (side ** 2, 32) as bytes in words (side, 8, wide); NaN counts nothing."""
+    """Lay out regions (side ** 2, 32) as bytes in words (side, 8, wide); NaN becomes 0."""
     side = len(rows)
     scaled = np.where(np.isfinite(regions), regions, 0) * np.float32(FIELD.scale)
     words = np.clip(np.rint(scaled), -127, 127).astype(np.int8).view(np.int32)
@@ -31,11 +31,11 @@ def arrange(regions: Regions, rows: npt.NDArray[np.int32]) -> None:
 
 def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) -> Displacements:
     """
-    Return which regions of a query are found in a reference, and found back, (n, 5).
+    Return the regions of a query that are points in a reference and back, (n, 5).
 
-    Every displacement within 4 cells of `start` is tried, its similarities averaged over
-    neighbours. The best, refined by parabolas, counts if it is not on the border, and the best way
-    back from where it leads differs by at most 0.7 cells.
+    All displacements within 4 cells of `start` are compared by similarity, averaged over
+    neighbours. The best one is refined by parabolas. It is kept if it is not on the border of the
+    search and the best displacement back from there differs by at most 0.7 cells.
     """
     side, shape = query.side, (query.side**2, _SPAN**2)
     sums, (norms, shared) = _blended(_tried(query, reference, start)), _norms(side, start)
@@ -43,8 +43,8 @@ def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) 
     volume, back = means.reshape(shape), _turned(means, start).reshape(shape)
     ahead, best, known = _refined(volume, start)
     place = np.flatnonzero(known)
-    found = np.array(np.divmod(place, side), np.float32)
-    row, column = np.floor(found + ahead[:, place] + np.float32(0.5)).astype(int)
+    points = np.array(np.divmod(place, side), np.float32)
+    row, column = np.floor(points + ahead[:, place] + np.float32(0.5)).astype(int)
     inside = (row >= 0) & (row < side) & (column >= 0) & (column < side)
     place, there = place[inside], (row * side + column)[inside]
     behind, _, found_back = _refined(back[there], start)
@@ -57,10 +57,10 @@ def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) 
 
 def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motion:
     """
-    Return the motion that displacements share, (2, 3), and how far they are off it, (n,).
+    Return the common affine motion (2, 3) of displacements, and the errors (n,) in cells.
 
-    It begins as `start` and is fitted 8 times, by least squares in which what is s cells off
-    counts 1 / (1 + (s / 2)^2)^2.
+    It starts as the shift `start` and is fitted 8 times, by weighted least squares: an error of s
+    cells has the weight 1 / (1 + (s / 2)^2)^2.
     """
     middle, sigma = (side - 1) / 2, MOTION.sigma_cells
     places, moved = np.ones((3, len(found))), np.array(found[:, 2:4].T, np.float64)
@@ -77,54 +77,54 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
 def verified(
     query: Arranged, references: Sequence[Arranged], starts: Sequence[tuple[int, int]]
 ) -> Doubles:
-    """Return what `Verification` has, of a query and n references by their shifts, (n, 3)."""
-    judged = np.empty((len(references), 3))
-    for row, reference, start in zip(judged, references, starts, strict=True):
+    """Return inliers, strength, and its upper half, of a query with n references: (n, 3)."""
+    results = np.empty((len(references), 3))
+    for row, reference, start in zip(results, references, starts, strict=True):
         found = displacements(query, reference, start)
         off = fit_motion(found, query.side, start)[1]
         each = found[:, 4] / (1 + (off / MOTION.sigma_cells) ** 2)
-        above = found[:, 0] < query.side / 2
+        is_upper = found[:, 0] < query.side / 2
         row[0] = (off <= MOTION.sigma_cells).sum()
-        row[1:] = max(0.0, each.sum()), max(0.0, each[above].sum())
-    return judged
+        row[1:] = max(0.0, each.sum()), max(0.0, each[is_upper].sum())
+    return results
 
 
 def _moved(images: Floats, start: Sequence[int], fill: float) -> Floats:
-    """Return images (side, side, ...), moved by rows and columns, as wide as all that is met."""
+    """Return images (side, side, ...), shifted and padded to the reach of the search."""
     side, wide = len(images), len(images) + _SPAN - 1
     moved = np.full((wide, wide, *images.shape[2:]), fill, np.float32)
-    to, own = [], []
+    targets, sources = [], []
     for by in start:
         first = max(0, -by)
         end = max(first, min(wide, side - by))
-        to.append(slice(first, end))
-        own.append(slice(first + by, end + by))
-    moved[*to] = images[*own]
+        targets.append(slice(first, end))
+        sources.append(slice(first + by, end + by))
+    moved[*targets] = images[*sources]
     return moved
 
 
 def _tried(query: Arranged, reference: Arranged, start: tuple[int, int]) -> Floats:
-    """Return similarities (side, side, span, span) by place and displacement; 0 if not shared."""
-    # The reference, moved by the first displacement that is tried, among zeros.
+    """Return similarities (side, side, span, span) by place and displacement; 0 if outside."""
+    # The reference is shifted by the first displacement of the search and padded with zeros.
     side, wide = query.side, query.side + _SPAN - 1
     image = reference.regions.reshape(side, side, -1)
     moved = _moved(image, [middle - FIELD.reach_cells for middle in start], 0)
-    # Of each row of the query all rows that it may meet.
+    # For each row of the query, a band of all rows within reach.
     shape = side, _SPAN * wide, REGION.numbers
     bands = np.lib.stride_tricks.as_strided(moved, shape, moved.strides)
     dots = query.regions.reshape(side, side, -1) @ bands.transpose(0, 2, 1)
     steps = dots.reshape(side, side, _SPAN, wide).strides
-    # The farther right in a row, the farther right what it meets.
+    # One column further right in the query is one column further right in the reference.
     strides = steps[0], steps[1] + steps[3], steps[2], steps[3]
     return np.lib.stride_tricks.as_strided(dots, (side, side, _SPAN, _SPAN), strides)
 
 
 def _turned(means: Floats, start: tuple[int, int]) -> Floats:
-    """Return similarities (side, side, span, span) by the place in the reference; or -inf."""
-    # Moved by the last displacement that is tried, among places that are like none.
+    """Return the same similarities by the place in the reference, backwards; or -inf."""
+    # The places are shifted by the last displacement of the search and padded with -inf.
     last = [1 - _SPAN + FIELD.reach_cells - middle for middle in start]
     moved = _moved(means, last, -np.inf)
-    # The farther a displacement leads, the farther before the place it begins.
+    # A displacement by one more cell starts one cell earlier.
     down, right, row, column = moved.strides
     strides = down, right, row - down, column - right
     first = moved[_SPAN - 1 :, _SPAN - 1 :]
@@ -133,7 +133,7 @@ def _turned(means: Floats, start: tuple[int, int]) -> Floats:
 
 @lru_cache(_NORMS_KEPT)
 def _norms(side: int, start: tuple[int, int]) -> tuple[Floats, Floats]:
-    """Return sums of weights, (side, side, span, span), and 0 where images share, else -inf."""
+    """Return sums of weights, (side, side, span, span), and 0 inside the reference, else -inf."""
     away = np.arange(-FIELD.reach_cells, FIELD.reach_cells + 1)
     y, x, i, j = np.ogrid[:side, :side, :_SPAN, :_SPAN]
     row, column = y + start[0] + away[i], x + start[1] + away[j]
@@ -143,14 +143,14 @@ def _norms(side: int, start: tuple[int, int]) -> tuple[Floats, Floats]:
 
 
 def _blended(images: Floats) -> Floats:
-    """Return weighted sums of neighbours in images (side, side, span, span), side by side."""
+    """Return weighted sums over neighbouring places of images (side, side, span, span)."""
     flat = images.reshape(*images.shape[:2], -1)
     blended = cv2.sepFilter2D(flat, -1, _WEIGHTS, _WEIGHTS, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(blended, np.float32).reshape(images.shape)
 
 
 def _refined(volume: Volume, start: tuple[int, int]) -> tuple[Floats, Floats, Flags]:
-    """Return rows and columns moved, between cells, (2, n), how similar, and which are known."""
+    """Return subcell displacements (2, n), their similarities, and whether they are valid."""
     at, places = volume.argmax(axis=1), np.arange(len(volume))
     i, j = np.divmod(at, _SPAN)
     top = volume[places, at]
@@ -164,7 +164,7 @@ def _refined(volume: Volume, start: tuple[int, int]) -> tuple[Floats, Floats, Fl
 
 
 def _beside(before: Floats, middle: Floats, after: Floats) -> Floats:
-    """Return how far beside the middle the top of a parabola lies; 0 where one is not known."""
+    """Return the offset of a parabola's top from the middle; 0 where a value is not known."""
     known = np.isfinite(before) & np.isfinite(middle) & np.isfinite(after)
     with np.errstate(invalid='ignore', divide='ignore'):
         bend = before - 2 * middle + after
@@ -174,14 +174,14 @@ def _beside(before: Floats, middle: Floats, after: Floats) -> Floats:
 
 def align(known: Structure, seen: Doubles, scale: Doubles, sigmas: Doubles, start: Doubles) -> Fit:
     """
-    Fit a motion (4, 4), begun at `start`, to where another lens saw n regions, and their depths.
+    Fit a motion (4, 4), starting at `start`, and n depths to regions that another lens sees.
 
-    A round of least squares each sigma, in cells; what is further off counts less. `seen` (n, 2)
-    is for a length of 1, `scale` (2,) cells across and down for it. Return the motion, inverse
-    depths (n,), how far off each is in cells (n, 2), what pulls at the pose (n, 6), and the
-    information about it (6, 6), of a turn and a way.
+    There is one round of least squares for each sigma, in cells; larger errors weigh less. `seen`
+    (n, 2) is in the plane z = 1, `scale` (2,) cells across and down per length of 1. Return the
+    motion, inverse depths (n,), errors in cells (n, 2), gradients by the pose (n, 6), and the
+    information about the pose (6, 6), of a turn and a translation.
     """
-    # Doubles of a region lie in a column: sums over what is side by side in memory are faster.
+    # Values of a region lie in a column: sums over contiguous memory are faster.
     rays, seen, across_down = known.rays.T, seen.T, scale[:, None]
     given, held = known.inverse_m, known.information
     inverse, moved = given, start.copy()
@@ -193,7 +193,7 @@ def align(known: Structure, seen: Doubles, scale: Doubles, sigmas: Doubles, star
         off = (flat - seen) * across_down
         by_pose, by_depth = _slopes(turned, inverse, moved[:3, 3:], flat, across_down / ahead)
         weight = (points[2] > DEPTH.least_ahead) / (sigma**2 + (off**2).sum(axis=0))
-        # Depths are eliminated: the Schur complement, a number each.
+        # Depths are eliminated by the Schur complement, which is a scalar for each.
         own = held + weight * (by_depth**2).sum(axis=0)
         pull = held * (inverse - given) + weight * (by_depth * off).sum(axis=0)
         both = weight * (by_pose * by_depth).sum(axis=1)
@@ -211,7 +211,7 @@ def align(known: Structure, seen: Doubles, scale: Doubles, sigmas: Doubles, star
 def _slopes(
     turned: Doubles, inverse: Doubles, way: Doubles, flat: Doubles, scale: Doubles
 ) -> tuple[Doubles, Doubles]:
-    """Return how pictures move by turns and ways, (6, 2, n), and by inverse depths, (2, n)."""
+    """Return derivatives of positions by turns and translations (6, 2, n), by depths (2, n)."""
     (x, y, z), (u, v) = turned, flat
     zero = np.zeros_like(x)
     across = -u * y, z + u * x, -y, inverse, zero, -u * inverse

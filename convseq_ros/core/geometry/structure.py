@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Rays of regions, and how deep these lie, by neighbours of their own drive, whose way is known.
+Rays of regions, and their depths by triangulation with neighbouring places of the same drive.
 
-What is found in two images of one drive, a known way apart, is triangulated; so a single camera
-gets its scale from the odometry that made the map.
+The motion between neighbours comes from the map's poses; so a single camera gets its scale from
+the odometry that made the map.
 """
 
 from collections.abc import Sequence
@@ -22,15 +22,15 @@ Points = Doubles  # (n, 2), each NaN where it is not known
 
 @constants
 class LENS:
-    """Of lenses; engineering, not studied."""
+    """Limits of lenses; engineering, not studied."""
 
-    # Of the image, by which a ray, distorted again, may miss: .05 of 32 cells; a field has .1.
-    error_share: float = 0.05 / 32
-    widest: float = 5.7  # tangent of 80 degrees; a ray further out has no picture on a plane
+    # Largest error of a ray that is distorted again, as a share of the image: 0.05 of 32 cells;
+    error_share: float = 0.05 / 32  # a displacement field has 0.1
+    widest: float = 5.7  # tangent of 80 degrees from the axis; rays further out are not used
 
 
 def is_usable(camera: Camera) -> bool:
-    """Return whether rays follow from the numbers of a camera."""
+    """Return whether a camera's parameters are finite, positive and of a supported model."""
     sizes = camera.width_px, camera.height_px, camera.fx_px, camera.fy_px
     numbers = np.array([*sizes, camera.cx_px, camera.cy_px, *camera.distortion], np.float64)
     lengths = COEFFICIENTS.get(camera.distortion_model, ())
@@ -40,17 +40,17 @@ def is_usable(camera: Camera) -> bool:
 
 def rays(camera: Camera, places: Points, side: int) -> Points:
     """
-    Return where rays through places of regions, rows and columns in cells, meet a plane: (n, 2).
+    Return where the rays of regions at `places` (n, 2), rows and columns in cells, meet z = 1.
 
-    x to the right and y down, at a distance of 1 before the lens. NaN where the place is not
-    known, the distortion cannot be inverted, or the ray is further than 80 degrees from the axis.
+    The result (n, 2) is x to the right and y down. It is NaN where the place is not known, the
+    distortion cannot be inverted, or the ray is further than 80 degrees from the axis.
     """
     return rays_through(camera, (places[:, ::-1] + REGION.span / 2) / (side + REGION.span - 1))
 
 
 def rays_through(camera: Camera, shares: Points) -> Points:
-    """Return what `rays` does for places across and down, as shares of the image."""
-    # The middle of the first pixel is 0.
+    """Return `rays` for places across and down, as shares of the image."""
+    # The middle of the first pixel is at 0.
     middle = shares * (camera.width_px, camera.height_px) - 0.5
     matrix = np.array(
         [[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]]
@@ -66,7 +66,7 @@ def rays_through(camera: Camera, shares: Points) -> Points:
 
 
 def _undistorted(camera: Camera, pixels: Points, matrix: Points, error_px: float) -> Points:
-    """Return rays of pixels; NaN where they, distorted again, miss their pixel."""
+    """Return rays of pixels; NaN where a ray, distorted again, misses its pixel."""
     found = np.full_like(pixels, np.nan)
     known = np.isfinite(pixels).all(axis=1)
     seen, numbers = pixels[known][None], np.array(camera.distortion)
@@ -86,49 +86,49 @@ def _undistorted(camera: Camera, pixels: Points, matrix: Points, error_px: float
 
 @constants
 class DEPTH:
-    """Of the triangulation; chosen on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
+    """Triangulation; tuned on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
 
-    nearest_m: float = 1.5  # of the first guesses ...
-    furthest_m: float = 200.0
-    guesses: int = 14  # ... evenly spread by their logarithm
+    nearest_m: float = 1.5  # the initial guesses span this depth ...
+    furthest_m: float = 200.0  # ... to this one
+    guesses: int = 14  # number of guesses, evenly spread in the logarithm of the depth
     rounds: int = 4  # of the refinement
-    sigma_cells: float = 0.3  # of a displacement; what is further off counts less (Cauchy)
-    # Information of a depth, in square metres, that stands for none: 1 per m of inverse depth.
+    sigma_cells: float = 0.3  # of a displacement; larger errors weigh less (Cauchy)
+    # In square metres: below, a depth counts as unknown. A sigma of 1 per m of inverse depth.
     least_information: float = 1.0
-    no_motion: float = 1e-6  # information of none, where a motion is fitted
-    least_ahead: float = 0.05  # in a ray's length: a point is not at the lens, nor behind it
-    # Deviation of a measured depth, as a share of it: what a camera errs, and a region mixes.
+    no_motion: float = 1e-6  # added to the information of a motion, so that it can be inverted
+    least_ahead: float = 0.05  # smallest z per ray: no point is at the lens or behind it
+    # Sigma of a measured depth, as a share of it: sensor noise, and depths mixed in a region.
     measured_share: float = 0.1
-    # Of the median, below which a measured depth is not used: what is near leaves the search.
+    # Share of the median depth; nearer regions move beyond the search and are not used.
     nearest_share: float = 0.5
-    usual_inverse_m: float = 0.05  # of regions of unknown depth, to guess where they went
-    smooth_regions: float = 1.5  # sigma of a Gaussian over neighbours' depths; 2.5 is alike
+    usual_inverse_m: float = 0.05  # assumed for regions of unknown depth, to guess their motion
+    smooth_regions: float = 1.5  # sigma of a Gaussian over neighbours' depths; 2.5 is no better
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Structure:
     """The regions of a reference in space; equal to itself only."""
 
-    rays: Doubles  # (n, 3), z is 1
-    inverse_m: Doubles  # (n,), inverse depths
-    information: Doubles  # (n,), of these: inverse variances, in square metres; 0 where unknown
+    rays: Doubles  # (n, 3), with z = 1
+    inverse_m: Doubles  # (n,), inverse depths, per metre
+    information: Doubles  # (n,), inverse variances of `inverse_m`, square metres; 0 if unknown
 
 
-# What `align` of a kernel finds.
+# Motion, inverse depths, errors, pulls and information: see `numpy_kernels.align`.
 Fit = tuple[Doubles, Doubles, Doubles, Doubles, Doubles]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sight:
-    """What another image saw of the same regions; equal to itself only."""
+    """Where another image sees the same regions; equal to itself only."""
 
-    seen: Points  # (n, 2), where their rays meet its plane
-    moved: Matrix  # (4, 4), from the reference's lens to its lens
-    scale: Doubles  # (2,), cells across and down for a length of 1 in its plane
+    seen: Points  # (n, 2), where their rays meet the other image's plane z = 1
+    moved: Matrix  # (4, 4), from the reference's lens to the other's; known or a guess
+    scale: Doubles  # (2,), cells across and down per length of 1 in that plane
 
 
 def triangulate(rays: Doubles, sights: Sequence[Sight]) -> Structure:
-    """Return the depths of rays (n, 3) that agree best with what neighbours saw of them."""
+    """Return rays (n, 3) with the depths that agree best with the sights of neighbours."""
     guesses = 1 / np.geomspace(DEPTH.nearest_m, DEPTH.furthest_m, DEPTH.guesses)
     costs = np.zeros((len(guesses), len(rays)))
     for sight in sights:
@@ -152,17 +152,17 @@ def triangulate(rays: Doubles, sights: Sequence[Sight]) -> Structure:
 
 
 def smoothed(structure: Structure) -> Doubles:
-    """Return inverse depths (n,) of the regions of a square image, as their neighbours are."""
+    """Return inverse depths (n,) of a square of regions, smoothed and without gaps."""
     side = isqrt(len(structure.rays))
     weight = structure.information.reshape(side, side)
     images = weight * structure.inverse_m.reshape(side, side), weight
-    sums, weights = (cv2.GaussianBlur(one, (0, 0), DEPTH.smooth_regions).ravel() for one in images)
-    own = DEPTH.least_information
-    return np.asarray((sums + own * DEPTH.usual_inverse_m) / (weights + own))
+    blurred = [cv2.GaussianBlur(image, (0, 0), DEPTH.smooth_regions) for image in images]
+    (sums, weights), prior = (image.ravel() for image in blurred), DEPTH.least_information
+    return np.asarray((sums + prior * DEPTH.usual_inverse_m) / (weights + prior))
 
 
-def measured(rays: Doubles, depths_m: Doubles) -> Structure:
-    """Return rays (n, 3) with depths (n,) that were measured; NaN is unknown."""
+def with_depths(rays: Doubles, depths_m: Doubles) -> Structure:
+    """Return rays (n, 3) with measured depths (n,); NaN and much too near ones are unknown."""
     nearest_m = DEPTH.nearest_share * float(np.nanmedian(depths_m))
     with np.errstate(invalid='ignore'):
         used = depths_m >= nearest_m
@@ -173,9 +173,9 @@ def measured(rays: Doubles, depths_m: Doubles) -> Structure:
 
 def _off(sight: Sight, rays: Doubles, inverse: Doubles) -> tuple[Doubles, Doubles]:
     """
-    Return how far off what was seen points are, in cells, and by how much more per 1 / m.
+    Return errors of projected points, in cells, and their derivatives by inverse depth.
 
-    Both (2, n), or (m, 2, n) for inverse depths (m, 1): sums over neighbours in memory are faster.
+    Both are (2, n), or (m, 2, n) for inverse depths (m, 1): this layout makes sums fast.
     """
     turned, way = sight.moved[:3, :3] @ rays.T, sight.moved[:3, 3:]
     points = turned + inverse[..., None, :] * way

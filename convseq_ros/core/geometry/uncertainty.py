@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From the motion between two lenses to the pose between two bases, and how sure it is."""
+"""From the motion between two lenses to the pose between two bases, and its covariance."""
 
 from dataclasses import dataclass, replace
 
@@ -12,31 +12,31 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """How far off an alignment is."""
+    """The error model of an alignment."""
 
-    # Times the alignment's deviations, over a power of the share that agreed at first: where few
-    # agree all is bad. Parallax lies across the image, and so do the errors of a field that misses
-    # some of it: yaw and the way across are off by more than pitch, roll and the way down.
+    # Factors on the alignment's sigmas, divided by a power of the share that agrees at first: if
+    # few agree, all is worse. Most parallax is horizontal, and a field misses part of it; so yaw
+    # and the way across have larger errors than pitch, roll and the way down.
     across: float
     down: float
     ahead: float
     share_power: float
-    far: float  # of the way beyond the neighbours, along it, if that is as long as the baseline
-    position_m: float  # what no number of regions or keypoints mends
-    turn_rad: float
+    far: float  # share of the way beyond the neighbours, if that is as long as the baseline
+    position_m: float  # least sigma, however many regions or keypoints agree
+    turn_rad: float  # the same for turns
 
 
 @constants
 class ERROR:
     """Fitted on drawn streets 41 to 48, evening, clouds and night (docs/GEOMETRY.md)."""
 
-    # `far` is seen where all neighbours are on one side: on such streets, and on roads.
+    # `far` was measured with all neighbours on one side, on drawn streets and on roads.
     cells: Spread = Spread(
         across=2.9, down=1.3, ahead=2.5, share_power=0.2, far=0.15, position_m=0.01, turn_rad=0.001
     )
-    # The same, where regions were followed.
+    # For alignments by guided search.
     followed: Spread = replace(cells, across=2.5, down=2.1, ahead=2.3, share_power=0.3)
-    # A road's odometry errs, a drawn street's does not: less would do for streets.
+    # Real roads include odometry errors; on drawn streets smaller values would do.
     keypoints: Spread = Spread(
         across=0.5,
         down=0.5,
@@ -46,14 +46,13 @@ class ERROR:
         position_m=0.002,
         turn_rad=0.0005,
     )
-    # A position that is less sure than this, or than half of the way, or with which fewer agree,
-    # is not told.
+    # A position is not reported if its sigma exceeds both limits, or if too few regions agree.
     unsure_m: float = 1.0
-    unsure_share: float = 0.5
-    # Most that are off by more than a metre have less.
-    least_share: float = 0.35  # before regions are followed
-    least_last_share: float = 0.5  # at last, and of two views
-    two_view_rad: float = 0.1  # where no depth is known, from a look at road_1 and road_2
+    unsure_share: float = 0.5  # of the distance
+    # Least shares of regions that agree; most poses with errors over 1 m have smaller ones.
+    least_share: float = 0.35  # before guided search
+    least_last_share: float = 0.5  # in the end, and for two views
+    two_view_rad: float = 0.1  # sigma of turns without depth, by hand on road_1 and road_2
 
 
 def base_pose(
@@ -62,14 +61,14 @@ def base_pose(
     """
     Return the pose of a query's base in a reference's base.
 
-    `base_reference` is the reference's lens in the base that is asked for, `base_query` the
-    query's lens in its own base. The spread is that of cells if none is given.
+    `base_reference` is the reference's lens in the base frame of the result, `base_query` the
+    query's lens in the query's base. The default spread is that of cells.
     """
     by_cells = ERROR.cells if found.first_share is None else ERROR.followed
     spread = spread or by_cells
     lens = inverse(found.moved)  # the query's, in the reference's
     base = inverse(base_query)
-    whole = base_reference @ lens @ base
+    between = base_reference @ lens @ base
     turn = base_reference[:3, :3] @ lens[:3, :3]  # from the query's lens
     # The alignment's errors are a turn and a way in the query's lens, after the motion.
     arm = cross(base[:3, 3] - found.moved[:3, 3])
@@ -84,11 +83,11 @@ def base_pose(
     far = base_reference[:3, :3] @ _far(found, lens[:3, 3]) * spread.far
     floor[:3, :3] += np.outer(far, far)
     covariance = slopes @ found.covariance @ slopes.T + floor
-    position = whole[:3, 3]
-    known = quaternion(whole[:3, :3]), vector(position), _unit(position), covariance
-    # How much the first alignment explains tells whether it is right at all.
+    position = between[:3, 3]
+    values = quaternion(between[:3, :3]), vector(position), _unit(position), covariance
+    # Few inliers of the first alignment mean that it is wrong.
     explains = first_share >= ERROR.least_share
-    pose = RelativePose(*known, found.inliers, explains)
+    pose = RelativePose(*values, found.inliers, explains)
     most_m = max(ERROR.unsure_m, ERROR.unsure_share * float(np.linalg.norm(lens[:3, 3])))
     is_unsure = (pose.position_sigma_m or 0.0) > most_m or found.share < ERROR.least_last_share
     if is_unsure or not explains:
@@ -99,7 +98,7 @@ def base_pose(
 def base_pose_of_two_views(
     found: TwoView, base_reference: Matrix, base_query: Matrix
 ) -> RelativePose:
-    """Return what is known without depth; the direction is that of the lenses."""
+    """Return the pose without a position; the direction is that between the lenses."""
     turn = base_reference[:3, :3] @ found.turned.T @ base_query[:3, :3].T
     direction = (
         None if found.direction is None else _unit(base_reference[:3, :3] @ found.direction)
@@ -111,9 +110,10 @@ def base_pose_of_two_views(
 
 def _far(found: Alignment, way: Matrix) -> Matrix:
     """
-    Return along a way (3,) what lies beyond the images that gave the depths, times baselines.
+    Return the part of a way (3,) beyond the neighbours that gave the depths, in their scale.
 
-    Up to them their errors and the query's cancel; further off, the way comes out too short.
+    Up to the neighbours, errors of their fields and of the query's cancel. Beyond, the estimated
+    way is too short, in proportion to the squared distance over the baseline.
     """
     length_m = float(np.linalg.norm(way))
     if length_m == 0.0:
@@ -124,7 +124,7 @@ def _far(found: Alignment, way: Matrix) -> Matrix:
 
 
 def _of_turns(turns: Matrix) -> Matrix:
-    """Return a covariance (6, 6) of turns (3, 3) and of a position that is not known."""
+    """Return a covariance (6, 6) from that of turns (3, 3), with an unknown position."""
     covariance = np.eye(6) * UNKNOWN_M2
     covariance[3:, 3:] = turns
     return covariance

@@ -1,11 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where the camera is, and how surely, when a place of the map was recognised.
+The pose of the camera in the map, and its covariance, after a place was recognised.
 
-The shift between two images leads from the query to the reference. A camera that is turned to the
-left, a positive yaw (REP-103), sees things further right than the reference does, so its columns
-are negative.
+A shift leads from the query to the reference. A camera that is turned to the left, a positive yaw
+(REP-103), sees things further right than the reference does, so the columns of its shift are
+negative.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,8 +21,8 @@ from convseq_ros.core.types import Camera, Frame, Match, Pose, RelativePose, Row
 import numpy as np
 
 # Engineering, not studied.
-_SAME_SPOT_M = 1e-3  # no further apart, a robot stood
-_AS_GOOD = 0.9  # of the place's own pair score
+_SAME_SPOT_M = 1e-3  # places closer than this were taken by a robot that stood still
+_AS_GOOD = 0.9  # share of the place's pair score from which a neighbour is as good
 _UNKNOWN_TURN_RAD = 0.3  # standard deviation of the heading where the yaw is not known
 
 
@@ -34,11 +34,11 @@ class PoseEstimate:
     covariance: Matrix  # (6, 6), of x, y, z in metres and of turns about these axes in radians
 
     def __str__(self) -> str:
-        """Return it for people; the first sigma is by the mean of the variances of x and y."""
+        """Return the estimate for people; its first sigma is the mean over x and y."""
         x, y, z = self.pose.position
         variance_m2 = float(self.covariance[:2, :2].trace()) / 2
         sigma_m, sigma_rad = (
-            math.sqrt(max(0.0, one)) for one in (variance_m2, float(self.covariance[5, 5]))
+            math.sqrt(max(0.0, each)) for each in (variance_m2, float(self.covariance[5, 5]))
         )
         return (
             f'x {x:.2f} y {y:.2f} z {z:.2f} m (sigma {sigma_m:.2f}), '
@@ -57,20 +57,19 @@ def estimate_pose(
     heading_sigma_rad: float = 0.0,
 ) -> PoseEstimate | None:
     """
-    Return where the camera is that sees a place of the map.
+    Return the pose of a camera that sees a place of the map; None if the place has no pose.
 
-    It is that of the reference moved by `relative`, if that is measured in metres, with the errors
-    of both; else that of the reference, turned to the left by `yaw_rad`; None if it is not known.
-    `row` has the pair scores (r,) of the newest frame with the first r places; NaN where unknown.
-    The map's own poses have standard deviations, along and about every axis, and so has the
-    result.
+    If `relative` has a position in metres, the result is the place's pose moved by it, with the
+    errors of both. Otherwise it is the place's pose, turned to the left by `yaw_rad`. `row` holds
+    the pair scores (r,) of the newest frame with the first r places; NaN where there is none. The
+    two sigmas are standard deviations of the map's poses, along and about every axis.
 
-    Where nothing is measured, three independent errors add up: that of the map's poses; the way
-    between places, since a camera that sees this one is anywhere up to half-way to the next (a
-    uniform error, its variance a twelfth of the squared distance to the nearer neighbour, along
-    that direction); and doubt between neighbours, the mean square of the offsets to all places in
-    a row around this one whose pair score is at least 0.9 of its own. The heading has the first
-    and the third error, and 0.3 rad more where the yaw is not known.
+    Without a measured position, three independent errors add up. (1) The error of the map's poses.
+    (2) The distance between places: a camera that sees this place is anywhere up to half-way to
+    the next. This error is uniform along that direction; its variance is a twelfth of the squared
+    distance to the nearer neighbour. (3) The doubt between neighbours: the mean square of the
+    offsets to all adjacent places whose pair score is at least 90 % of this place's. The heading
+    has the first and the third error, and 0.3 rad more if the yaw is not known.
     """
     pose = places[index].pose
     if pose is None:
@@ -82,9 +81,9 @@ def estimate_pose(
         return PoseEstimate(pose_of(there @ way), covariance)
     step = _to_nearer_neighbour(places, index, pose)
     covariance[:3, :3] += np.outer(step, step) / 12
-    alike = [pose, *(other for at in _as_good(places, index, row) if (other := places[at].pose))]
-    offsets = np.array([np.subtract(other.position, pose.position) for other in alike])
-    turns = np.array([math.remainder(_yaw(other) - _yaw(pose), math.tau) for other in alike])
+    similar = [pose, *(other for at in _as_good(places, index, row) if (other := places[at].pose))]
+    offsets = np.array([np.subtract(other.position, pose.position) for other in similar])
+    turns = np.array([math.remainder(_yaw(other) - _yaw(pose), math.tau) for other in similar])
     covariance[:3, :3] += offsets.T @ offsets / len(offsets)
     covariance[5, 5] += (turns @ turns) / len(turns)
     if yaw_rad is None:
@@ -104,7 +103,7 @@ def turned(pose: Pose, yaw_rad: float) -> Pose:
 
 
 def _to_nearer_neighbour(places: Sequence[Place], index: int, here: Pose) -> Matrix:
-    """Return the way to the nearer of the next places, on either side, that lie elsewhere."""
+    """Return the offset (3,), in metres, to the nearer of the next places on either side."""
     ways: list[Matrix] = []
     for side in _sides(places, index, len(places)):
         poses = (other for at in side if (other := places[at].pose))
@@ -114,7 +113,7 @@ def _to_nearer_neighbour(places: Sequence[Place], index: int, here: Pose) -> Mat
 
 
 def _sides(places: Sequence[Place], index: int, count: int) -> Iterator[Iterator[int]]:
-    """Yield the places of a session before and after one, outwards, as far as one looks."""
+    """Yield up to 10 places of the session before a place, then after it, nearest first."""
     before = range(index - 1, max(index - WAYS.look, 0) - 1, -1)
     session = places[index].session
     for side in (before, range(index + 1, min(index + WAYS.look + 1, count))):
@@ -122,7 +121,7 @@ def _sides(places: Sequence[Place], index: int, count: int) -> Iterator[Iterator
 
 
 def _as_good(places: Sequence[Place], index: int, row: Row | None) -> Iterator[int]:
-    """Yield the neighbours, without a break, that score nearly as well."""
+    """Yield the adjacent places that score nearly as well, up to the first that does not."""
     if row is not None and index < len(row) and row[index] > 0:
         least = _AS_GOOD * float(row[index])
         for side in _sides(places, index, len(row)):
@@ -135,7 +134,7 @@ def _yaw(pose: Pose) -> float:
 
 
 def shift_px(shift: Shift, height: int, width: int, cells_across: int) -> Shift:
-    """Return a shift, in cells of a square, in pixels of the image that the square was made of."""
+    """Return a shift in pixels of an image, given in cells of the square made from the image."""
     return shift[0] * height / cells_across, shift[1] * width / cells_across
 
 
@@ -143,14 +142,14 @@ def relative_yaw(shift_px: Shift, camera: Camera) -> float:
     """
     Return by how many radians, in (-pi, pi), the query's camera is turned left.
 
-    Half the shift is on either side of the optical axis. Lens distortion is left out, and near
-    things of a camera that was moved sideways shift as well.
+    Half the shift lies on either side of the optical axis. Approximate: lens distortion is
+    ignored, and a camera that moved sideways sees near things shift as well.
     """
     return -2.0 * math.atan(shift_px[1] / (2.0 * camera.fx_px))
 
 
-def measured(match: Match, frame: Frame, reference_map: ReferenceMap) -> Match:
-    """Return an answer with what its shift means in the frame's own pixels, and to its camera."""
+def with_shift_and_yaw(match: Match, frame: Frame, reference_map: ReferenceMap) -> Match:
+    """Return a match with its shift in pixels of the frame, and with the relative yaw."""
     best = match.best
     if best is None or best.shift is None or frame.gray is None:
         return match

@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where a lens was against a place whose image the map keeps: by keypoints, far finer than cells.
+The pose of a lens relative to a place whose image the map keeps: keypoints, far finer than cells.
 
-Keypoints of the place get their depth from neighbours of its own drive that have images, too. By
-night there are few keypoints, or none that agree: then there is no answer.
+Keypoints of the place get their depth from neighbours of the same drive that have images, too. By
+night few keypoints are detected, or none agree: then the result is None.
 """
 
 from collections.abc import Callable
@@ -29,82 +29,81 @@ from convseq_ros.core.types import Camera, constants, Doubles, Flags, Floats, Fr
 import cv2
 import numpy as np
 
-_CV2: Any = cv2  # whose types lack SIFT
-Pairs = Indices  # (m, 2), of a keypoint of the one image and its like in the other
-_KEPT = 64  # places whose keypoints, and whose depths, are remembered; 30 MB at most
+_CV2: Any = cv2  # OpenCV's type stubs lack SIFT
+Pairs = Indices  # (m, 2), a keypoint of the first image and its match in the second
+_KEPT = 64  # places whose keypoints and depths are cached; 30 MB at most
 
 
 @constants
 class KEYPOINT:
-    """Of keypoints; chosen on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
+    """Keypoints and matches; tuned on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
 
-    most: int = 800  # of an image
-    contrast: float = 0.01  # of OpenCV's SIFT; its usual .04 leaves too few at 320 px
-    ratio: float = 0.85  # of the best to the second best distance, at most
-    error_px: float = 1.0  # off an epipolar line
-    unit_px: float = 2.0  # of a kept image, that count for keypoints as a cell does for regions
+    most: int = 800  # keypoints of an image
+    contrast: float = 0.01  # threshold of OpenCV's SIFT; its default .04 leaves too few at 320 px
+    ratio: float = 0.85  # largest ratio of the best to the second best distance
+    error_px: float = 1.0  # distance from an epipolar line
+    unit_px: float = 2.0  # unit of errors, in pixels of a kept image; for regions it is the cell
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Keypoints:
-    """What is found in an image; equal to itself only."""
+    """The keypoints of an image; equal to itself only."""
 
-    shares: Points  # (n, 2), across and down, of the image: in (0, 1)
-    looks: Floats  # (n, 128)
+    shares: Points  # (n, 2), across and down, as shares of the image: in (0, 1)
+    descriptors: Floats  # (n, 128)
     size_px: tuple[int, int]  # of the image, width and height
 
 
 def keypoints(gray: Gray, seen: Flags) -> Keypoints:
-    """Return the keypoints of an image (H, W), where a mask of any size says that it is seen."""
+    """Return the keypoints of an image (H, W) in the part that `seen`, of any size, shows."""
     size = gray.shape[1], gray.shape[0]
     mask = None
     if not seen.all():
         mask = cv2.resize(seen.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
     sift = _CV2.SIFT_create(nfeatures=KEYPOINT.most, contrastThreshold=KEYPOINT.contrast)
-    found, looks = sift.detectAndCompute(gray, mask)
-    places = np.array([one.pt for one in found], np.float64).reshape(-1, 2)
-    if looks is None:
-        looks = np.zeros((0, 128), np.float32)
-    return Keypoints((places + 0.5) / size, looks, size)
+    detected, descriptors = sift.detectAndCompute(gray, mask)
+    positions = np.array([keypoint.pt for keypoint in detected], np.float64).reshape(-1, 2)
+    if descriptors is None:
+        descriptors = np.zeros((0, 128), np.float32)
+    return Keypoints((positions + 0.5) / size, descriptors, size)
 
 
-def alike(one: Keypoints, other: Keypoints) -> Pairs:
-    """Return which keypoints look like each other, far more than like any third."""
-    if min(len(one.looks), len(other.looks)) < 2:
+def matched_keypoints(first: Keypoints, second: Keypoints) -> Pairs:
+    """Return mutual best matches of two images that pass the ratio test."""
+    if min(len(first.descriptors), len(second.descriptors)) < 2:
         return np.zeros((0, 2), np.int64)
-    # Of looks whose squares are known, distances are a product.
-    squares = [(looks**2).sum(axis=1) for looks in (one.looks, other.looks)]
-    far = squares[0][:, None] + squares[1] - 2 * (one.looks @ other.looks.T)
-    rows = np.arange(len(far))
-    best = far.argmin(axis=1)
-    is_best = far.argmin(axis=0)[best] == rows
-    two = np.partition(far, 1, axis=1)[:, :2].clip(0.0)
-    kept = is_best & (two[:, 0] < KEYPOINT.ratio**2 * two[:, 1])
+    squares = [(image.descriptors**2).sum(axis=1) for image in (first, second)]
+    distances = squares[0][:, None] + squares[1] - 2 * (first.descriptors @ second.descriptors.T)
+    rows = np.arange(len(distances))
+    best = distances.argmin(axis=1)
+    is_mutual = distances.argmin(axis=0)[best] == rows
+    two = np.partition(distances, 1, axis=1)[:, :2].clip(0.0)
+    kept = is_mutual & (two[:, 0] < KEYPOINT.ratio**2 * two[:, 1])
     return np.column_stack((rows[kept], best[kept]))
 
 
-def of_one_scene(one: Points, other: Points) -> Flags:
-    """Return which of some pairs, in pixels without distortion, have one epipolar geometry."""
-    none = np.zeros(len(one), np.bool_)
-    if len(one) < ALIGNMENT.fewest_points:
+def epipolar_inliers(first: Points, second: Points) -> Flags:
+    """Return which pairs (n, 2), in pixels without distortion, agree with an epipolar geometry."""
+    none = np.zeros(len(first), np.bool_)
+    if len(first) < ALIGNMENT.fewest_points:
         return none
-    how = cv2.USAC_MAGSAC, KEYPOINT.error_px, ALIGNMENT.probability
+    options = cv2.USAC_MAGSAC, KEYPOINT.error_px, ALIGNMENT.probability
     try:
-        _, agree = cv2.findFundamentalMat(one, other, *how)
-    except cv2.error:  # of all samples none had a geometry
+        _, agree = cv2.findFundamentalMat(first, second, *options)
+    except cv2.error:  # no sample has a geometry
         return none
     return none if agree is None else agree.ravel() > 0
 
 
 @dataclass(frozen=True, eq=False)
 class LensView:
-    """A lens, and where it is."""
+    """An image by the camera that took it."""
 
     camera: Camera
 
     @property
     def base_lens(self) -> Matrix:
-        """Where the lens is in the base, (4, 4); looking along x if it is not known."""
+        """The pose of the lens in the base, (4, 4); by default it looks along x."""
         return matrix(self.camera.mount) @ ROBOT_LENS if self.camera.mount else ROBOT_LENS
 
 
@@ -116,7 +115,7 @@ class KeypointView(LensView):
 
     @property
     def scale(self) -> Doubles:
-        """Units across and down for a length of 1 before the lens."""
+        """Units (`KEYPOINT.unit_px`) across and down per length of 1 in the plane z = 1."""
         width, height = self.keypoints.size_px
         camera = self.camera
         across, down = width / camera.width_px, height / camera.height_px
@@ -124,29 +123,29 @@ class KeypointView(LensView):
 
     @cached_property
     def rays(self) -> Doubles:
-        """Of each keypoint, (n, 3), z is 1; NaN where it cannot be told."""
+        """Rays of the keypoints, (n, 3), with z = 1; NaN where unknown."""
         flat = rays_through(self.camera, self.keypoints.shares)
         return np.column_stack((flat, np.ones(len(flat))))
 
     def sight(self, other: 'KeypointView', moved: Matrix) -> Sight:
-        """Return what another view, moved so (4, 4) from this lens, saw of these keypoints."""
-        one, two = alike(self.keypoints, other.keypoints).T
+        """Return where another view, moved by (4, 4) from this lens, sees these keypoints."""
+        here, there = matched_keypoints(self.keypoints, other.keypoints).T
         seen = np.full((len(self.rays), 2), np.nan)
-        seen[one] = other.rays[two, :2]
+        seen[here] = other.rays[there, :2]
         return Sight(seen, moved, other.scale)
 
     def sight_of_scene(self, other: 'KeypointView', moved: Matrix) -> Sight:
-        """Return the same, without what no one motion explains; `moved` is a guess."""
+        """Return `sight` without epipolar outliers; `moved` is a guess."""
         sight = self.sight(other, moved)
-        own, seen = self.rays[:, :2], sight.seen
-        known = np.flatnonzero(np.isfinite(seen).all(axis=1) & np.isfinite(own).all(axis=1))
-        pixels = (own[known] * self.scale, seen[known] * other.scale)
-        agree = of_one_scene(*(one * KEYPOINT.unit_px for one in pixels))
+        plane, seen = self.rays[:, :2], sight.seen
+        known = np.flatnonzero(np.isfinite(seen).all(axis=1) & np.isfinite(plane).all(axis=1))
+        units = (plane[known] * self.scale, seen[known] * other.scale)
+        agree = epipolar_inliers(*(points * KEYPOINT.unit_px for points in units))
         seen[np.setdiff1d(np.arange(len(seen)), known[agree])] = np.nan
         return sight
 
 
-# In units of keypoints. Wide at first, since the guess is as far off as a field.
+# In units of `KEYPOINT.unit_px`. The first sigmas are wide, as the guess is only as good as cells.
 PRECISION = Precision(
     sigmas=(8.0, 4.0, 2.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3),
     agreeing=0.8,
@@ -157,15 +156,15 @@ PRECISION = Precision(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Place:
-    """A place of the map with what its neighbours tell."""
+    """A place of the map with depths from its neighbours."""
 
     view: KeypointView
     structure: Structure
-    neighbours: Doubles  # (k, 3), where they are, from the place's lens
+    neighbours: Doubles  # (k, 3), their positions from the place's lens
 
 
 class ImagePoses:
-    """Aligns queries with the kept images of a map; `max_mpx` is the most that one may declare."""
+    """Aligns queries with the kept images of a map, each of at most `max_mpx` megapixels."""
 
     def __init__(self, reference_map: ReferenceMap, ways: Ways, max_mpx: float) -> None:
         self._ways = ways
@@ -182,9 +181,10 @@ class ImagePoses:
 
     def align(self, index: int, own: Camera, frame: Frame, moved: Matrix) -> Alignment | None:
         """
-        Return how a frame is aligned with a place that a camera saw; None if too little agrees.
+        Return the alignment of a frame with a place; None if too few keypoints agree.
 
-        `moved` (4, 4) is a guess of the motion from the place's lens to the frame's.
+        `own` is the place's camera. `moved` (4, 4) is a guess of the motion from its lens to the
+        frame's.
         """
         if frame.gray is None or frame.camera is None:
             return None
@@ -195,15 +195,15 @@ class ImagePoses:
         small = reduced(frame.gray, max(place.view.keypoints.size_px))
         query = KeypointView(frame.camera, keypoints(small, self._seen))
         sight = place.view.sight_of_scene(query, moved)
-        # Far off, least squares ends where it began; points in space have no beginning.
+        # From a bad guess least squares does not converge; SQPnP needs no guess.
         sampled = start_by_points(place.structure, sight)
         sights = [sight] if sampled is None else [sight, replace(sight, moved=sampled)]
-        tried = [align(place.structure, one, PRECISION) for one in sights]
-        found = max(filter(None, tried), key=lambda one: one.inliers, default=None)
-        if found is None:
+        alignments = [align(place.structure, start, PRECISION) for start in sights]
+        best = max(filter(None, alignments), key=lambda result: result.inliers, default=None)
+        if best is None:
             return None
         baseline_m = float(np.linalg.norm(place.neighbours, axis=1).max())
-        return replace(found, baseline_m=baseline_m, neighbours=place.neighbours)
+        return replace(best, baseline_m=baseline_m, neighbours=place.neighbours)
 
 
 def _place(
@@ -213,15 +213,15 @@ def _place(
     own: Camera,
     others: tuple[int, ...],
 ) -> _Place | None:
-    """Return the depths of a place's keypoints, by its neighbours; None if there are none."""
+    """Return a place with the depths of its keypoints; None without neighbours."""
     view = view_of(index, own)
     if view is None:
         return None
     lens, sights = view.base_lens, []
-    for one in others:
-        moved, other = ways.moved(index, one), view_of(one, own)
-        if moved is not None and other is not None:
-            sights.append(view.sight(other, inverse(lens) @ moved @ lens))
+    for other in others:
+        moved, neighbour = ways.moved(index, other), view_of(other, own)
+        if moved is not None and neighbour is not None:
+            sights.append(view.sight(neighbour, inverse(lens) @ moved @ lens))
     if not sights:
         return None
     lenses = np.array([inverse(sight.moved)[:3, 3] for sight in sights])

@@ -1,11 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The background: what a map, or a drive, shows on average, region by region of the image.
+The background: the mean of each region of the image over a map, or over a drive.
 
-All images of one road or corridor are laid out alike, so regions find counterparts where they lie
-themselves, at the right place as elsewhere. Therefore it is subtracted: of references their map's,
-of queries their own drive's, since the same scene looks otherwise at night.
+All images of a road or corridor have the same layout, so regions find counterparts at their own
+position at every place, right or wrong. Therefore the background is subtracted: the map's from
+references, and the drive's from queries, since the same scene looks different at night.
 """
 
 from collections.abc import Callable
@@ -21,21 +21,21 @@ _READ_AT_ONCE = 16  # places of the sample, for 1 MB of cells
 
 @constants
 class BACKGROUND:
-    """Chosen on 29 sets, by day and darkened (docs/MATCHING.md), but for the sample."""
+    """Tuned on 29 sets, by day and darkened (docs/MATCHING.md), except for the sample."""
 
-    fewest_places: int = 20  # a map of fewer has no background
-    sample: int = 256  # places of the map that are read; more make no difference
-    prior_frames: int = 5  # that the map's background counts for in the drive's
-    still_alike: float = 0.8  # mean cosine of two frames, above which the later does not count
+    fewest_places: int = 20  # a map with fewer places has no background
+    sample: int = 256  # number of places that are averaged; more make no difference
+    prior_frames: int = 5  # weight of the map's background in the drive's, in frames
+    still_alike: float = 0.8  # mean cosine of two frames from which the later one is skipped
 
 
 class Background:
     """
     The backgrounds of a map, `of_map` (N, 32), and of the drive that is matched with it.
 
-    At most 256 places of the map are read, evenly spread, and others whenever it has doubled; none
-    of a map of less than 20. `normalize` and `project` are those of a `PairScore`; without them
-    nothing is subtracted, and cells are compared as they are.
+    It is the mean of up to 256 evenly spread places, computed again whenever the map has doubled.
+    A map of fewer than 20 places has none. `normalize` and `project` are those of a `PairScore`;
+    without them nothing is subtracted, and cells are not normalised.
     """
 
     def __init__(
@@ -56,33 +56,33 @@ class Background:
         self._frames = 0
 
     def update_map(self) -> bool:
-        """Read the map again if it has doubled, and return whether `of_map` has changed."""
+        """Average the map again if it has doubled; return whether `of_map` has changed."""
         count = len(self._map)
         if not self._project or count < max(BACKGROUND.fewest_places, 2 * self._averaged):
             return False
         spread = np.linspace(0, count - 1, min(count, BACKGROUND.sample)).astype(int)
-        sample, total, shown = np.unique(spread).tolist(), np.zeros(1, np.float32), 0
+        sample, total, number = np.unique(spread).tolist(), np.zeros(1, np.float32), 0
         for start in range(0, len(sample), _READ_AT_ONCE):
             packed = self._map.packed_of(sample[start : start + _READ_AT_ONCE])
             for cells in map(unpack_cells, packed):
                 if cells.any():
-                    total, shown = total + self._project(self.normalize(cells)), shown + 1
-        self.of_map = total / np.float32(shown) if shown else None
+                    total, number = total + self._project(self.normalize(cells)), number + 1
+        self.of_map = total / np.float32(number) if number else None
         self._averaged = count
         return True
 
     def update(self, regions: Regions) -> Regions | None:
         """
-        Take in a query's projected regions, once, and return the drive's background, (N, 32).
+        Take in a query's projected regions, each only once; return the drive's background (N, 32).
 
-        A frame still much like the last that counted does not count; the map's background counts
-        as 5 frames. None as long as the map has none.
+        A frame that is too similar to the last counted one is skipped. The map's background counts
+        as 5 frames. The result is None while the map has no background.
         """
         if not self._project:
             return None
-        alike, last = BACKGROUND.still_alike * len(regions), self._last
-        # Not by BLAS, whose threads take longer to share so few products than one takes for all.
-        if last is None or np.einsum('ij,ij', regions, last, dtype=np.float64) < alike:
+        limit, last = BACKGROUND.still_alike * len(regions), self._last
+        # Not by BLAS: for so few products, starting its threads takes longer than the work.
+        if last is None or np.einsum('ij,ij', regions, last, dtype=np.float64) < limit:
             self._last, self._sum = regions, self._sum + regions
             self._frames += 1
         if self.of_map is None:

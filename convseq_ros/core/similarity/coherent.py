@@ -1,12 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Coherent matching, ours: the share of regions that moved together from query to reference.
+Coherent matching (ours): the share of regions that moved together from query to reference.
 
-At the true place the regions of the query are found again with one common shift; elsewhere,
-however similar the best counterparts are, their shifts scatter. So where each counterpart lies is
-asked, not how similar it is, which survives night, seasons and another viewpoint. The global
-similarity is that of whole images, one of which may have moved to the side.
+At the true place, the regions of the query are found in the reference with a common shift. At
+other places the shifts scatter, however similar the best counterparts are. So the score depends on
+where a counterpart lies, not on its similarity, and survives night, seasons and another viewpoint.
+The global similarity compares entire images, one of which may be shifted sideways.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,34 +21,34 @@ from convseq_ros.core.types import constants, Descriptor, Doubles, Floats, Indic
 import cv2
 import numpy as np
 
-# Scores in [0, 1], (n,), shifts in cells, (n, 2), and global similarities (n,) if they are known.
+# Scores (n,) in [0, 1], shifts (n, 2) in cells, and global similarities (n,) if they are known.
 Compared = tuple[Floats, Doubles, Floats | None]
-Blocks = Floats  # of B x B numbers of 32, in one vector (L,)
-Wide = Floats  # (B, B + 2 M, 32), a query's, with room to move it by M
+Blocks = Floats  # (L,): B x B blocks of 32 numbers in a vector
+Wide = Floats  # (B, B + 2 M, 32), a query's blocks, padded so that it can be shifted by M
 
 
 @constants
 class COHERENT:
-    """Of the votes for a shift; chosen on real image pairs (docs/MATCHING.md)."""
+    """The votes for a shift; tuned on real image pairs (docs/MATCHING.md)."""
 
-    sigma_cells: float = 1.5  # of the Gaussian within which votes are counted together
+    sigma_cells: float = 1.5  # of the Gaussian that votes are summed with
     reach_cells = round(4 * sigma_cells)  # where the Gaussian ends
-    # Rough scores are those of every second region of both images, a sixteenth of the work.
+    # Rough scores use every second row and column of regions of both images: 1/16 of the work.
     rough_step: int = 2
-    rough_sigma: float = 1.0  # second regions
+    rough_sigma: float = 1.0  # the sigma of rough scores, in steps of 2 cells
 
 
 @constants
 class GLOBAL_SIMILARITY:
-    """Chosen on real and darkened image pairs (docs/MATCHING.md)."""
+    """Tuned on real and darkened image pairs (docs/MATCHING.md)."""
 
-    block = REGION.span  # regions in a row that are summed up, which share cells
-    most_shift: int = 4  # blocks to either side
-    unit = 2.0**17  # of a region's numbers: sums of their products stay whole, below 2 ** 53
+    block = REGION.span  # side of a block, in regions; they share cells
+    most_shift: int = 4  # largest shift to either side, in blocks
+    unit = 2.0**17  # scale of numbers: sums of products stay integers below 2 ** 53, so exact
 
 
 def region_blocks(regions: Regions) -> Blocks:
-    """Return the sums of 3 x 3 neighbouring regions (N, 32), whole numbers, 2 ** 17 for one."""
+    """Return the sums of blocks of 3 x 3 regions (N, 32), as integers in units of 2 ** -17."""
     side = isqrt(len(regions))
     starts = np.arange(0, side, GLOBAL_SIMILARITY.block)
     image = regions.reshape(side, side, -1)
@@ -57,7 +57,7 @@ def region_blocks(regions: Regions) -> Blocks:
 
 
 def widened(blocks: Blocks, side: int) -> Wide:
-    """Return a query's blocks with room for 4 on each side; `side`: regions in a row."""
+    """Return a query's blocks, padded by up to 4 on each side; `side` is regions in a row."""
     count = -(-side // GLOBAL_SIMILARITY.block)
     most = min(GLOBAL_SIMILARITY.most_shift, count - 1)
     wide = np.zeros((count, count + 2 * most, blocks.size // count**2), np.float32)
@@ -66,7 +66,7 @@ def widened(blocks: Blocks, side: int) -> Wide:
 
 
 def global_similarity(query: Wide, references: Doubles) -> Floats:
-    """Return cosines, in [0, 1], of a query, shifted as is best, and references (n, L): (n,)."""
+    """Return the best cosines (n,), in [0, 1], of a shifted query with references (n, L)."""
     count, width = query.shape[:2]
     moved = [query[:, first : first + count].ravel() for first in range(width - count + 1)]
     best = (np.array(moved, np.float64) @ references.T).max(axis=0)
@@ -74,33 +74,33 @@ def global_similarity(query: Wide, references: Doubles) -> Floats:
 
 
 def from_products(best: Doubles, query: Wide, others: Doubles) -> Floats:
-    """Return cosines in [0, 1] from the products with references, and their lengths."""
+    """Return cosines in [0, 1] from products with references, whose lengths are `others`."""
     both = lengths(query.ravel()) * others
     return np.clip(best / np.where(both > 0, both, 1), 0, 1).astype(np.float32)
 
 
 def lengths(vectors: Floats | Doubles) -> Doubles:
-    """Return the lengths of vectors (..., L) of whole numbers."""
+    """Return the lengths of vectors (..., L) of integers."""
     return np.sqrt(np.einsum('...i,...i->...', vectors, vectors, dtype=np.float64))
 
 
 @dataclass(frozen=True, slots=True)
 class CoherentQuery:
-    """What is compared of a query: its G salient regions."""
+    """The G salient regions of a query."""
 
     regions: Regions  # (G, 32), from `projected_regions`
-    index: Indices  # (G,), where they lie, row by row
-    side: int  # regions in a row of the image
+    index: Indices  # (G,), their positions, row by row
+    side: int  # number of regions in a row of the image
 
 
 def extract(
     query: Descriptor, least_bits: float, regions: Regions | None = None, step: int = 1
 ) -> CoherentQuery | None:
     """
-    Return what is compared of a query; None if no region of it is salient.
+    Return the salient regions of a query; None if there are none.
 
-    A region is, if its 3 x 3 cells have so many bits on average. `regions` are all of them, (N,
-    32), by default projected; of their rows and columns, one of each `step` is taken.
+    A region is salient if its 3 x 3 cells have a mean of at least `least_bits`. `regions` are all
+    regions (N, 32), by default projected; every `step`-th row and column of them is used.
     """
     entropy = cv2.boxFilter(query.cell_entropy, -1, (REGION.span, REGION.span))[1:-1, 1:-1]
     index = np.flatnonzero(entropy[::step, ::step] >= least_bits)
@@ -112,22 +112,22 @@ def extract(
 
 class CoherentPair(PairScore):
     """
-    The `coherent_score` of a kernel, less where whole images differ.
+    The `coherent_score` of a kernel, reduced if the global similarity is low.
 
-    If there is a background, up to half of the score is lost as the global similarity falls. Rough
-    scores are those of every second region, whatever whole images show. A kernel says how queries
-    and references are laid out, and compares them.
+    With a background, the score is multiplied by (1 + global similarity) / 2. Rough scores use
+    every second row and column of regions, without global similarity. Subclasses lay out queries
+    and references, and compare them.
     """
 
     normalize: Callable[[Cells], Cells]
     project: Callable[..., Regions]
     subtract: Callable[[Regions, Regions | None], Shown]
-    # How a query, and a reference, by its regions (N, 32) and their blocks, are compared; and of
-    # each reference its `coherent_score` and, of a query's blocks, its similarity.
+    # The layouts of a query and of a reference (regions (N, 32) and their blocks); then their
+    # scores: for each reference the `coherent_score`, its shift and the global similarity.
     laid_out: Callable[[CoherentQuery], Any]
     packed: Callable[[Regions, Blocks | None], Any]
     scores: Callable[[Any, Wide | None, Sequence[Any]], Compared]
-    step = 1  # of the rows and columns of regions, one of each is compared
+    step = 1  # every `step`-th row and column of regions is compared
 
     def __init__(self, name: str, exact: bool) -> None:
         self.name, self.exact = name, exact
@@ -135,14 +135,14 @@ class CoherentPair(PairScore):
         self.rough.step = COHERENT.rough_step
 
     def extract(self, query: Descriptor, least_bits: float, shown: Shown | None) -> Any:
-        own, blocks = shown or (self.project(query.cells, 1), None)
-        if (found := extract(query, least_bits, own, self.step)) is None:
+        regions, blocks = shown or (self.project(query.cells, 1), None)
+        if (salient := extract(query, least_bits, regions, self.step)) is None:
             return None
-        wide = None if blocks is None or self.step > 1 else widened(blocks, found.side)
-        return self.laid_out(found), wide
+        wide = None if blocks is None or self.step > 1 else widened(blocks, salient.side)
+        return self.laid_out(salient), wide
 
     def thinned(self, background: Regions | None) -> Regions | None:
-        """Return of a background what lies behind the regions that are compared."""
+        """Return the background of the regions that are compared, every `step`-th."""
         return None if background is None else thinned(background, self.step)
 
     def prepare(self, cells: Cells, background: Regions | None) -> Any:
@@ -153,5 +153,5 @@ class CoherentPair(PairScore):
         self, query: Any, references: Sequence[Any], _limit: float | None = None
     ) -> Scores:
         packed, wide = query
-        shares, shifts, alike = self.scores(packed, wide, references)
-        return (shares if alike is None else shares * (0.5 + 0.5 * alike)), shifts
+        shares, shifts, similar = self.scores(packed, wide, references)
+        return (shares if similar is None else shares * (0.5 + 0.5 * similar)), shifts

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How similar two images of one drive are: by the paper's pair score (III-D), and by ours."""
+"""The similarity of two images of a drive, by the paper's pair score (III-D) and by ours."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,13 +12,13 @@ from convseq_ros.core.similarity.kernels import chosen_kernels
 from convseq_ros.core.similarity.pair_score import PairScore
 from convseq_ros.core.types import Descriptor
 
-_KEPT = 32  # descriptors; longer than any sequence grows by similarity (max_overlap_length)
-_PAPER_ERROR = 0.002  # of an 8-bit score; more than its kernel promises
-_ERROR = 0.02  # of an 8-bit overlap; twice what its kernel promises
+_KEPT = 32  # cached descriptors; more than `max_overlap_length`
+_PAPER_ERROR = 0.002  # of an 8-bit score; above the error of its kernel
+_ERROR = 0.02  # of an 8-bit overlap; twice the error of its kernel
 
 
 class _Scores:
-    """Scores pairs of descriptors by the definition, with any kernel; prepares each once."""
+    """Scores pairs of descriptors, exactly if it matters; prepares each descriptor once."""
 
     def __init__(
         self, matching: MatchingConfig, least_bits: float, error: float, kept: int
@@ -32,13 +32,13 @@ class _Scores:
         """
         Return the score of a query and another descriptor, in [0, 1].
 
-        By 8 bits, four times as fast, and of some regions, if that tells on which side of a limit
-        it lies.
+        With a `limit` only the side is exact: 8 bits, four times as fast, and part of the regions
+        are used if that decides on which side of the limit the score lies.
         """
         if limit is None or not self._fast:
             return self._exact(query, other, limit)
-        found = self._fast(query, other, limit)
-        return found if abs(found - limit) > self._error else self._exact(query, other, None)
+        score = self._fast(query, other, limit)
+        return score if abs(score - limit) > self._error else self._exact(query, other, None)
 
 
 class PaperSimilarity(_Scores):
@@ -51,9 +51,9 @@ class PaperSimilarity(_Scores):
 
 class Overlap(_Scores):
     """
-    The coherent score of normalised cells: what moved together from the other image to the query.
+    The coherent score of normalised cells, without a background.
 
-    What is left of it after a way depends on how near things are, hardly on the light.
+    How fast it falls along a drive depends on the distance of things, hardly on the light.
     """
 
     def __init__(self, saliency_threshold: float, kernel: str = 'auto') -> None:
@@ -64,18 +64,18 @@ class Overlap(_Scores):
 def _scored(
     pair: PairScore, least_bits: float, kept: int
 ) -> Callable[[Descriptor, Descriptor, float | None], float]:
-    """Return what scores two descriptors, each prepared once; 0 if the query shows nothing."""
+    """Return a function that scores two descriptors; 0 if the query is not informative."""
 
     @lru_cache(kept)
-    def seen(one: Descriptor) -> Descriptor:
-        return replace(one, cells=pair.normalize(one.cells)) if pair.normalize else one
+    def normalized(image: Descriptor) -> Descriptor:
+        return replace(image, cells=pair.normalize(image.cells)) if pair.normalize else image
 
-    extract = lru_cache(kept)(lambda query: pair.extract(seen(query), least_bits, None))
-    prepare = lru_cache(kept)(lambda other: pair.prepare(seen(other).cells, None))
+    extract = lru_cache(kept)(lambda query: pair.extract(normalized(query), least_bits, None))
+    prepare = lru_cache(kept)(lambda other: pair.prepare(normalized(other).cells, None))
 
     def score(query: Descriptor, other: Descriptor, limit: float | None) -> float:
-        if (asked := extract(query)) is None:
+        if (features := extract(query)) is None:
             return 0.0
-        return float(pair.compare(asked, [prepare(other)], limit)[0][0])
+        return float(pair.compare(features, [prepare(other)], limit)[0][0])
 
     return score

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels that score pairs; README.md says what is compiled, why, and how to read it."""
+"""Kernels that score pairs; README.md explains the compiled code."""
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.compiled import available, library
@@ -10,14 +10,14 @@ from convseq_ros.errors import ConfigError
 
 
 def chosen_kernels(matching: MatchingConfig) -> tuple[PairScore, PairScore]:
-    """Return the kernel for a way of matching, and an exact one; ConfigError if it cannot run."""
+    """Return the configured kernel, and an exact one; ConfigError if it cannot run here."""
     definition = DEFINITIONS[matching.matching]
     wanted = matching.kernel
     if wanted == 'numpy' or (wanted == 'auto' and not available()):
         return definition, definition
     if not available():
         raise ConfigError(f'kernel: no {wanted}: {library().problem}; or choose auto')
-    # There is no library to import them from everywhere.
+    # Imported here: where the library is missing, this import fails.
     from convseq_ros.core.similarity.kernels.kernels import compiled_pair
 
     exact = compiled_pair(matching.matching, 'float32')

@@ -45,15 +45,15 @@ from convseq_ros.core.types import Descriptor, Floats
 import numpy as np
 import numpy.typing as npt
 
-Panel = npt.NDArray[Any]  # starts with a cache line
-# A query, and what sums of its bytes begin with; None if it is floats.
+Panel = npt.NDArray[Any]  # aligned to a cache line
+# A query, and the initial values of sums over its bytes; None if it has floats.
 Query = tuple[Panel, npt.NDArray[np.int32] | None]
 
 _CACHE_LINE = 64  # bytes, of all processors with kernels
 _MARGIN = 8  # of a grid of votes, as in coherent.c
-# Scales of the paper's regions as bytes; none is negative, so a reference's begin below zero. Dot
-# products are at most 127 x 254, rounding included, so that 16 bits hold them. Of 13 pairs of
-# scales tried these err least, .0012 at most, on real images with noise down to 3 % of the light.
+# Scales of the paper's regions as bytes. Their numbers are not negative, so a reference's bytes
+# start at -127. Dot products are at most 127 x 254, rounding included, and fit in 16 bits. Of 13
+# pairs of scales these err least, .0012 at most, on real images with noise at 3 % of the light.
 _PAPER_SCALES, _PAPER_ORIGIN = (124.0, 251.0), 127
 
 _BYTES, _WORDS, _FLOATS, _ADDRESSES = array('i1'), array('i4'), array('f4'), array('u8')
@@ -74,26 +74,26 @@ _of_coherent = (
 _of_regional = (
     _WORDS, SIZE, SIZE, DOUBLE, DOUBLE, DOUBLE, SIZE, _ADDRESSES, SIZE, _FLOATS,
 )  # fmt: skip
-# By bytes, and by floats.
+# For bytes, and for floats.
 _COMPARE = [kernel('compare', each, *_of_coherent) for each in (_BYTES, _FLOATS)]
 _SCORE = [kernel('score', each, *_of_regional) for each in (_BYTES, _FLOATS)]
 
-# Regions of a query and of a reference in a tile; what is added to a reference's bytes that lie
-# above an origin of 0, and above one of 127.
+# Regions of a query and of a reference in a tile; offsets that are added to a reference's bytes
+# for an origin of 0 and of 127.
 _ROWS, _COLUMNS, *_ADDED = numbers('shape', 4)
 _ORIGINS = 0, _PAPER_ORIGIN
 
 
 def normalized(cells: Cells) -> Cells:
-    """Return what the definition's `normalized` does, to 1e-6."""
+    """Return the definition's `normalized`, to 1e-6."""
     cells = np.ascontiguousarray(cells)
-    found, own = np.empty_like(cells), NORMALIZATION
-    _normalize(cells, len(cells), own.middle, own.side, own.saturation, found)
-    return found
+    result, weights = np.empty_like(cells), NORMALIZATION
+    _normalize(cells, len(cells), weights.middle, weights.side, weights.saturation, result)
+    return result
 
 
 def less_background(regions: Regions, background: Regions | None) -> Shown:
-    """Return what the definition's `less_background` does, to 1e-6."""
+    """Return the definition's `less_background`, to 1e-6."""
     if background is None:
         return regions, None
     shown, side, block = regions.copy(), isqrt(len(regions)), GLOBAL_SIMILARITY.block
@@ -114,16 +114,16 @@ def _addresses(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
 
 
 def _laid_out(regions: Regions, scale: float, origin: int = 0) -> Query:
-    """Return a query's regions (G, 32), times a scale, as signed bytes; as floats without one."""
+    """Return a query's regions (G, 32) as scaled signed bytes, or as floats if the scale is 0."""
     if not scale:
         return _tiled(regions, _ROWS), None
-    whole = np.clip(np.rint(_tiled(regions, _ROWS) * np.float32(scale)), -127, 127)
-    start = (origin - _ADDED[_ORIGINS.index(origin)]) * whole.sum(axis=1)
-    return whole.astype(np.int8), start.astype(np.int32)
+    rounded = np.clip(np.rint(_tiled(regions, _ROWS) * np.float32(scale)), -127, 127)
+    start = (origin - _ADDED[_ORIGINS.index(origin)]) * rounded.sum(axis=1)
+    return rounded.astype(np.int8), start.astype(np.int32)
 
 
 def _in_blocks(regions: Regions, scale: float, origin: int = 0) -> Panel:
-    """Return a reference's regions (N, 32), times a scale, as bytes; as floats without one."""
+    """Return a reference's regions (N, 32) as scaled bytes, or as floats if the scale is 0."""
     count = _rounded_up(len(regions), _COLUMNS) * REGION.numbers
     if scale:
         packed = _empty_panel(count).view(np.int8)
@@ -136,9 +136,9 @@ def _in_blocks(regions: Regions, scale: float, origin: int = 0) -> Panel:
 
 
 def _tiled(rows: npt.NDArray[Any], step: int) -> npt.NDArray[Any]:
-    """Return rows up to full tiles: the last one is repeated."""
-    there = np.arange(_rounded_up(len(rows), step))
-    return rows[np.minimum(there, len(rows) - 1)]
+    """Return rows padded to full tiles: the last row is repeated."""
+    padded = np.arange(_rounded_up(len(rows), step))
+    return rows[np.minimum(padded, len(rows) - 1)]
 
 
 def _rounded_up(count: int, step: int) -> int:
@@ -147,12 +147,12 @@ def _rounded_up(count: int, step: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class _Reference:
-    """The regions of a reference, as bytes or floats; then its blocks."""
+    """The regions of a reference, as bytes or floats, followed by its blocks."""
 
     panel: Panel
     address: int  # of the panel
-    count: int  # regions
-    blocks: int  # where blocks begin, in numbers of 4 bytes; 0 if there are none
+    count: int  # number of regions
+    blocks: int  # offset of the blocks, in numbers of 4 bytes; 0 if there are none
     length: float  # of the vector of all blocks
 
 
@@ -166,22 +166,22 @@ class _CompiledCoherent(CoherentPair):
         super().__init__(f'{name} {library().variant}', not self._scale)
 
     def laid_out(self, query: CoherentQuery) -> tuple[Any, ...]:
-        # As `compare` takes it: where regions lie in a grid of votes comes after them.
+        # In the order of `compare`: the positions in a grid of votes follow the regions.
         start = _grid(query.side)[1][_tiled(query.index, _ROWS)]
         return *_laid_out(query.regions, self._scale), start, len(query.index), query.side
 
     def packed(self, regions: Regions, blocks: Blocks | None) -> _Reference:
-        every = _in_blocks(regions, self._scale)
+        tiles = _in_blocks(regions, self._scale)
         behind = np.zeros(0, np.float32) if blocks is None else blocks
-        panel = _empty_panel(every.nbytes + behind.nbytes)
-        np.concatenate([one.view(np.uint8).ravel() for one in (every, behind)], out=panel)
-        begin = 0 if blocks is None else every.nbytes // 4
+        panel = _empty_panel(tiles.nbytes + behind.nbytes)
+        np.concatenate([part.view(np.uint8).ravel() for part in (tiles, behind)], out=panel)
+        begin = 0 if blocks is None else tiles.nbytes // 4
         return _Reference(panel, address(panel), len(regions), begin, float(lengths(behind)))
 
     def prepare_packed(
         self, packed: Sequence[Packed], normalizes: bool, background: Regions | None
     ) -> list[_Reference | None]:
-        size, shown, own = len(packed[0]), np.empty(len(packed), np.int8), NORMALIZATION
+        size, shown, weights = len(packed[0]), np.empty(len(packed), np.int8), NORMALIZATION
         side, block, behind = regions_in_a_row(size, self.step), 0, 0
         count, each = side**2, REGION.numbers * (1 if self._scale else 4)
         room = _rounded_up(count, _COLUMNS) * each
@@ -190,17 +190,17 @@ class _CompiledCoherent(CoherentPair):
             if self.step == 1:
                 block = GLOBAL_SIMILARITY.block
                 behind = (-(-side // block)) ** 2 * REGION.numbers * 4
-        cells = [np.ascontiguousarray(one) for one in packed]
+        cells = [np.ascontiguousarray(image) for image in packed]
         panels = [_empty_panel(room + behind) for _ in packed]
         _prepare(
-            _addresses(cells), len(packed), size, self.step, PACKED_UNIT, own.middle, own.side,
-            own.saturation if normalizes else 0.0, *axes(), background, block, self._scale, room,
-            _addresses(panels), shown,
+            _addresses(cells), len(packed), size, self.step, PACKED_UNIT, weights.middle,
+            weights.side, weights.saturation if normalizes else 0.0, *axes(), background, block,
+            self._scale, room, _addresses(panels), shown,
         )  # fmt: skip
-        made: list[_Reference | None] = []
+        references: list[_Reference | None] = []
         for panel, is_shown in zip(panels, shown, strict=True):
             if not is_shown:
-                made.append(None)
+                references.append(None)
                 continue
             if not self._scale:
                 floats = panel[:room].view(np.float32)
@@ -208,11 +208,11 @@ class _CompiledCoherent(CoherentPair):
                 floats[:] = _in_blocks(regions, 0.0)
             length = float(lengths(panel[room:].view(np.float32)))
             begin = room // 4 if behind else 0
-            made.append(_Reference(panel, address(panel), count, begin, length))
-        return made
+            references.append(_Reference(panel, address(panel), count, begin, length))
+        return references
 
     def regions_of(self, reference: _Reference) -> Regions:
-        """Return the regions (N, 32) of a reference; of bytes, to half a step of these."""
+        """Return the regions (N, 32) of a reference; with bytes, rounded to these."""
         panel, count = reference.panel[: 4 * reference.blocks or None], reference.count
         if not self._scale:
             blocks = panel.view(np.float32).reshape(-1, REGION.numbers, _COLUMNS).swapaxes(1, 2)
@@ -224,33 +224,33 @@ class _CompiledCoherent(CoherentPair):
     def scores(
         self, query: tuple[Any, ...], wide: Wide | None, references: Sequence[_Reference]
     ) -> Compared:
-        found = np.empty((len(references), 3))
-        where = np.array([one.address for one in references], np.uint64)
+        results = np.empty((len(references), 3))
+        addresses = np.array([reference.address for reference in references], np.uint64)
         _, sums, *_, side = query
         half = WINDOWS[self.step][COHERENT.reach_cells :]
         compare = _COMPARE[sums is None]
-        compare(*query, *_grid(side), half, where, len(references), found)
-        alike = None if wide is None else _alike(wide, references, where)
-        return found[:, 0].astype(np.float32), found[:, 1:], alike
+        compare(*query, *_grid(side), half, addresses, len(references), results)
+        similarities = None if wide is None else _similarities(wide, references, addresses)
+        return results[:, 0].astype(np.float32), results[:, 1:], similarities
 
 
 @cache
 def _grid(side: int) -> tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Return the width of a grid of votes, where regions lie in it, and labels for all."""
+    """Return the width of a grid of votes, positions of regions in it, and labels for all."""
     width, rows = _rounded_up(2 * side - 1, _MARGIN) + 2 * _MARGIN, np.arange(side, dtype=np.int32)
     end = _tiled((rows[:, None] * np.int32(width) + rows).ravel(), _COLUMNS)
     return width, end, np.arange(len(end) + side**2 + _ROWS, dtype=np.int32)
 
 
-def _alike(
-    query: Wide, references: Sequence[_Reference], where: npt.NDArray[np.uint64]
+def _similarities(
+    query: Wide, references: Sequence[_Reference], addresses: npt.NDArray[np.uint64]
 ) -> Floats | None:
-    """Return global similarities, as the definition does; None if a reference has no blocks."""
-    if not all(one.blocks for one in references):
+    """Return the definition's `global_similarity`; None if a reference has no blocks."""
+    if not all(reference.blocks for reference in references):
         return None
     best, begin = np.empty(len(references)), references[0].blocks
-    _lateral_products(query, *query.shape[:2], where, begin, len(references), best)
-    return from_products(best, query, np.array([one.length for one in references]))
+    _lateral_products(query, *query.shape[:2], addresses, begin, len(references), best)
+    return from_products(best, query, np.array([reference.length for reference in references]))
 
 
 class _CompiledRegional(PairScore):
@@ -272,14 +272,14 @@ class _CompiledRegional(PairScore):
     def compare(
         self, query: tuple[Query, int], references: Sequence[Panel], limit: float | None = None
     ) -> Scores:
-        found, where = np.empty(len(references), np.float32), _addresses(references)
+        scores, where = np.empty(len(references), np.float32), _addresses(references)
         (packed, count), columns = query, references[0].size // REGION.numbers
         scale = self._scale * self._of_references or 1.0
         until = (0.0, 0.0, 0) if limit is None else (limit, SURE.errors, SURE.regions)
-        _SCORE[self.exact](*packed, count, columns, scale, *until, where, len(references), found)
-        return found, None
+        _SCORE[self.exact](*packed, count, columns, scale, *until, where, len(references), scores)
+        return scores, None
 
 
 def compiled_pair(matching: str, name: str) -> PairScore:
-    """Return a pair score by `float32`, exact to 1e-6, or `int8`, to 0.01 (the paper's .0015)."""
+    """Return the kernel `float32`, exact to 1e-6, or `int8`, to 0.01 (0.0015 for the paper's)."""
     return _CompiledCoherent(name) if matching == 'coherent' else _CompiledRegional(name)
