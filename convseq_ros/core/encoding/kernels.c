@@ -11,19 +11,19 @@ enum {
     REGION_ROWS = ROWS < 8 ? ROWS : 10, // regions that are projected at once; a row has 30
 };
 
-// Cells of a row that these regions have, if they lie so many cells apart.
+// Number of cells in a row that these regions cover, at a given step.
 #define TILE_CELLS(step) ((REGION_ROWS - 1) * (step) + SPAN)
 
-// Change a level's count; return by how much its term changes.
+// Change a level's count; return the change of its term.
 static inline double changed(int *count, int by, const double *terms)
 {
     double before = terms[*count];
     return terms[*count += by] - before;
 }
 
-// Fill in the sum of a function of each level's count, over a disk around every pixel.
+// Fill in the sum of a function of each level's count in a disk around every pixel.
 //
-// The disk slides along a row: where pixels enter and leave it, counts and sum are corrected.
+// The disk slides along a row: counts and sum are updated for pixels that enter and leave it.
 // levels: [height + diameter - 1][width + diameter - 1], below 257; terms: the function, at every
 // count from 0, such that sums of its values are exact; sums: [height][width].
 KERNEL(disk_sums)(const uint16_t *levels, const int64_t *half_widths, intptr_t diameter,
@@ -56,7 +56,7 @@ static void across(const double *restrict line, intptr_t side, double *restrict 
 {
     for (intptr_t x = 0; x < side; x++) {
         double a = line[x], b = line[x + 1], c = line[x + 2], d = line[x + 3], e = line[x + 4];
-        // In this order: what is left of equal pixels is as in OpenCV.
+        // This order of operations gives the same rounding for equal pixels as OpenCV.
         slopes[x] = -a - 2 * b + 2 * d + e;
         means[x] = a + 4 * b + 6 * c + 4 * d + e;
     }
@@ -74,7 +74,7 @@ static void gradients(double *const slopes[5], double *const means[5], intptr_t 
     for (intptr_t x = 0; x < side; x++) {
         float gx = strength[x], gy = orientation[x];
         float wide = fabsf(gx), high = fabsf(gy);
-        // The arc tangent in degrees as cv2.phase has it, by the same polynomial of degree 7.
+        // The arc tangent in degrees, by the polynomial of degree 7 of cv2.phase.
         float ratio = (wide < high ? wide : high) / ((wide < high ? high : wide) + 0x1p-52f);
         float square = ratio * ratio;
         float angle = (((DEGREES * -0.04432655554792128f * square + DEGREES * 0.1555786518463281f) *
@@ -88,7 +88,7 @@ static void gradients(double *const slopes[5], double *const means[5], intptr_t 
     }
 }
 
-// Add what the pixels of a line vote for each bin; an angle just below 360 degrees for the ninth.
+// Add the votes of a line's pixels for each bin; angles just below 360 degrees vote for the ninth.
 static void vote_for_bins(const float *restrict strength, const float *restrict orientation,
                           intptr_t side, float *restrict votes)
 {
@@ -140,7 +140,7 @@ KERNEL(histograms)(const uint8_t *framed, intptr_t side, const double *gamma, fl
     return lines ? 0 : -1;
 }
 
-// Write numbers times a factor less an origin, at unit length. All processors add alike.
+// Write numbers times a factor less an origin, at unit length. The order of sums is fixed.
 static inline void place_region(const float *numbers, float factor, const float *origin,
                                 float *region)
 {
@@ -187,13 +187,13 @@ INLINE void project_tile(const float *cells, intptr_t line, const float *axes, i
 }
 
 // Fill in the projected regions of cells [size][size][8], of unit length: of the (size - 2) ** 2,
-// those of every `step`-th row and column, 1 or 2. axes: [72][32]; origin: [32], where they map the mean.
+// those of every `step`-th row and column, 1 or 2. axes: [72][32]; origin: [32], the projected mean.
 // Return 0, or -1 if there is no memory.
 KERNEL(project)(const float *cells, intptr_t size, int step, const float *axes,
                 const float *origin, float *regions)
 {
     intptr_t side = (size - SPAN) / step + 1;
-    // Wide enough for a tile, and with what the last one reads beyond the image.
+    // Padded for full tiles, and for the values that the last one reads beyond the image.
     intptr_t wide = size < TILE_CELLS(step) ? TILE_CELLS(step) : size;
     float *room = calloc((size_t)(size * wide * (BINS + 1)), sizeof *room);
     float *squares = room + size * wide * BINS;
@@ -207,7 +207,7 @@ KERNEL(project)(const float *cells, intptr_t size, int step, const float *axes,
             }
     for (intptr_t row = 0; row < side && room; row++)
         for (intptr_t done = 0, first; done < side; done = first + REGION_ROWS) {
-            // The last tile ends with the row, and says again what the one before has said.
+            // The last tile ends with the row, and repeats some results of the one before.
             first = done > side - REGION_ROWS ? side - REGION_ROWS : done;
             first = first < 0 ? 0 : first;
             const float *tile = room + step * (row * wide + first) * BINS;

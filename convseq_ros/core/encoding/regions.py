@@ -29,7 +29,7 @@ class REGION:
     span: int = 3  # cells in a row of a projected region
     numbers = paper_span**2 * HOG.bins  # numbers of a region, of either kind (projection.md)
     byte_scale: float = 160.0  # from numbers to bytes; hardly any of a unit vector is clipped
-    frequencies: int = 6  # of a global descriptor: row plus column frequency is below; 21 pairs
+    frequencies: int = 6  # of a global descriptor: row plus column index is below 6; 21 pairs
     axes: int = 12  # of a global descriptor; the first of the 32 numbers of regions
 
 

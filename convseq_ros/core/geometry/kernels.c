@@ -1,6 +1,6 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// Where the regions of one image lie in another, and which of them moved alike.
+// Displacements of regions between two images, their common motion, and the alignment of a lens.
 
 enum {
     SPREAD = 32, // columns of a row are rounded up to so many
@@ -20,7 +20,7 @@ static inline int is_within(intptr_t place, intptr_t side)
     return (uintptr_t)place < (uintptr_t)side;
 }
 
-// What of the query lies in the reference as well when everything has moved.
+// The part of the query that lies inside the reference after a displacement.
 static inline Part overlap(intptr_t side, intptr_t down, intptr_t right)
 {
     Part part = {down < 0 ? -down : 0, down > 0 ? side - down : side,
@@ -28,7 +28,7 @@ static inline Part overlap(intptr_t side, intptr_t down, intptr_t right)
     return part;
 }
 
-// Lay out regions [side * side][32] as bytes, four in a word, [side][8][wide]; NaN counts nothing.
+// Lay out regions [side * side][32] as bytes, four in a word, [side][8][wide]; NaN becomes 0.
 KERNEL(arrange)(const float *regions, intptr_t side, float scale, int32_t *rows)
 {
     intptr_t wide = rounded_up(side, SPREAD);
@@ -48,8 +48,8 @@ KERNEL(arrange)(const float *regions, intptr_t side, float scale, int32_t *rows)
     return 0;
 }
 
-// Write what the sums of a reference's products begin with, [side][wide], to make up for what is
-// added to a query's bytes.
+// Write the initial values of sums of products for a reference, [side][wide], which compensate the
+// offset of the query's bytes.
 static inline void write_starts(const int32_t *reference, intptr_t side, intptr_t wide,
                                 int32_t *starts)
 {
@@ -63,13 +63,13 @@ static inline void write_starts(const int32_t *reference, intptr_t side, intptr_
             *(WordsAnywhere *)(starts + row * wide + first) = -sum;
         }
 #else
-    (void)reference, (void)side, (void)wide, (void)starts; // nothing is added
+    (void)reference, (void)side, (void)wide, (void)starts; // there is no offset
 #endif
 }
 
-// The products of each region of some rows with those that lie so far away, and further to the
-// right, times `unit`; images: [FIELD_SPAN][rows][wide], `apart` numbers apart. What is not shared
-// is anything.
+// Write the products of each region of some rows with those at a displacement and to the right of
+// it, times `unit`; images: [FIELD_SPAN][rows][wide], `apart` numbers apart. Values outside the
+// shared part are undefined.
 static inline void similarities(const int32_t *query, const int32_t *reference,
                                 const int32_t *starts, intptr_t wide, Part part, intptr_t down,
                                 intptr_t right, float unit, float *images, intptr_t apart)
@@ -96,7 +96,7 @@ static inline void similarities(const int32_t *query, const int32_t *reference,
         }
 }
 
-// Add up neighbours along a line, one weight each.
+// Return the weighted sum of neighbours along a line.
 INLINE Floats weighed(const float *line, intptr_t apart, const Floats *weights)
 {
     Floats sum = weights[0] * floats(line - FIELD_RADIUS * apart);
@@ -118,7 +118,7 @@ static void write_shares(const float *weights, intptr_t first, intptr_t end, int
     }
 }
 
-// Take similarities into the best so far, and which displacement gave them.
+// Update the best similarities, and the displacements that gave them.
 INLINE void keep_best(Floats numbers, int32_t which, float *best, int32_t *origin)
 {
     Floats highest = floats(best);
@@ -128,17 +128,17 @@ INLINE void keep_best(Floats numbers, int32_t which, float *best, int32_t *origi
     *(WordsAnywhere *)origin = from;
 }
 
-// The best similarity of each region so far, and which displacement gave it.
+// The best similarity of each region so far, and the displacement that gave it.
 typedef struct {
     float *number;
     int32_t *origin;
 } Best;
 
-// Write weighted means of neighbours, of those that there are, of a part of an image, which has
-// zeros above and below; -infinity beside it. They are taken into the best of the query, and of the
-// reference, where regions lie `away`. shares: of rows and columns; lines: room for rows that lie
-// `wide` + GAP apart, with zeros between. What was just written is read late: vectors that lie
-// across two of those wait for memory.
+// Write weighted means of the existing neighbours in a part of an image, which has zeros above and
+// below; -infinity outside. They update the best of the query, and of the reference, whose regions
+// lie `away`. shares: of rows and columns; lines: memory for rows that are `wide` + GAP apart, with
+// zeros between. New values are read late, because vectors across two recent stores wait for
+// memory.
 static inline void smooth(const float *image, Part part, intptr_t wide, const float *weights,
                           const float *row_shares, const float *shares, float *lines,
                           float *smoothed, int32_t which, Best query, Best reference,
@@ -166,7 +166,7 @@ static inline void smooth(const float *image, Part part, intptr_t wide, const fl
         }
 }
 
-// How far beside the middle of three numbers the top of a parabola through them lies.
+// Return the offset of the top of a parabola through three numbers from the middle one.
 static inline float beside(float before, float middle, float after)
 {
     float bend = before - 2 * middle + after;
@@ -174,7 +174,7 @@ static inline float beside(float before, float middle, float after)
     return off > -0.5f && off < 0.5f ? off : off >= 0.5f ? 0.5f : off <= -0.5f ? -0.5f : 0;
 }
 
-// What all displacements say: volume[FIELD_SPAN][FIELD_SPAN][side][wide] by the query's region.
+// Similarities by displacement and region of the query: volume[FIELD_SPAN][FIELD_SPAN][side][wide].
 typedef struct {
     const float *volume;
     intptr_t side, wide, down, right; // the last two: what the first displacement is
@@ -192,7 +192,7 @@ static inline float similarity(const Volume *all, intptr_t i, intptr_t j, intptr
     return all->volume[((i * FIELD_SPAN + j) * side + row) * all->wide + column];
 }
 
-// Fill in rows and columns moved, between cells; return 0 if the best is none, or on the border.
+// Fill in the subcell displacement; return 0 if there is none, or the best is on the border.
 static inline int refined(const Volume *all, int32_t origin, intptr_t y, intptr_t x,
                           int is_reference, float moved[2])
 {
@@ -212,10 +212,10 @@ static inline int refined(const Volume *all, int32_t origin, intptr_t y, intptr_
 // Fill in displacements found[n][5] that lead from a region to another and back, and their count.
 //
 // query, reference: bytes, four in a word, [side][8][wide], with `wide` + SPREAD words before and
-// behind, wide: `side` rounded up to SPREAD; a product of two bytes counts `unit`. Displacements
-// within FIELD_REACH of (down, right) are searched, which are less than `side`; weights[7]: of a
-// region's neighbours on either side, and its own. What comes back further than `tolerance` off is
-// left out. found: [side ** 2][5].
+// after; wide: `side` rounded up to SPREAD; a product of two bytes is multiplied by `unit`. The
+// search covers displacements within FIELD_REACH of (down, right), which are less than `side`.
+// weights[7]: of a region and its neighbours. Displacements that come back with an error above
+// `tolerance` are left out. found: [side ** 2][5].
 KERNEL(displacements)(const int32_t *query, const int32_t *reference, intptr_t side, intptr_t down,
                       intptr_t right, float unit, const float *weights, float tolerance,
                       float *found, int64_t *kept)
@@ -223,7 +223,7 @@ KERNEL(displacements)(const int32_t *query, const int32_t *reference, intptr_t s
     enum { ALL = FIELD_SPAN * FIELD_SPAN };
     intptr_t wide = rounded_up(side, SPREAD), image = side * wide;
     intptr_t apart = image + 2 * FIELD_RADIUS * wide, border = wide + SPREAD;
-    // Of best and which there is room beside the image: what lies beside the query is met there.
+    // `best` and `which` have a margin around the image for displacements that leave it.
     intptr_t count = image + 2 * border;
     intptr_t between = (side + 1) * (wide + GAP);
     size_t needed = (size_t)(ALL * image + FIELD_SPAN * (apart + wide) + between + wide + 5 * count);
@@ -256,7 +256,7 @@ KERNEL(displacements)(const int32_t *query, const int32_t *reference, intptr_t s
             continue;
         write_shares(weights, rows.top, rows.bottom, wide, row_shares);
         float *raw = images + FIELD_RADIUS * wide;
-        for (intptr_t j = 0; j < FIELD_SPAN; j++) { // what smoothing takes for zeros
+        for (intptr_t j = 0; j < FIELD_SPAN; j++) { // zeros for the smoothing
             memset(raw + j * apart + (rows.top - FIELD_RADIUS) * wide, 0,
                    (size_t)(FIELD_RADIUS * wide) * sizeof *raw);
             memset(raw + j * apart + rows.bottom * wide, 0,
@@ -297,13 +297,13 @@ KERNEL(displacements)(const int32_t *query, const int32_t *reference, intptr_t s
     return 0;
 }
 
-// What displacements have, each as one row of numbers; of full vectors, the rest counts nothing.
+// The values of displacements, one array each; padding up to full vectors has no weight.
 typedef struct {
     intptr_t count;
     double *y, *x, *moved[2], *counts; // y, x: in sides from the middle
 } Columns;
 
-// Write how far displacements are off a motion, squared, in cells.
+// Write the squared errors of displacements under a motion, in cells.
 INLINE Doubles off_squared(const Columns *all, intptr_t place, const double *motion)
 {
     Doubles y = doubles(all->y + place), x = doubles(all->x + place);
@@ -312,7 +312,7 @@ INLINE Doubles off_squared(const Columns *all, intptr_t place, const double *mot
     return rows * rows + columns * columns;
 }
 
-// Write a better motion: least squares, each displacement weighed by how far it is off this one.
+// Improve a motion by least squares, with weights from the errors under the current motion.
 static void fit_again(const Columns *all, double by_sigma, double stiff, double motion[6])
 {
     enum { SUMS = 12, AT_ONCE = 8, PARTS = 2 * AT_ONCE / LANES };
@@ -352,8 +352,8 @@ static void fit_again(const Columns *all, double by_sigma, double stiff, double 
 }
 
 // Fit motion[2][3] to displacements found[count][5]: rows and columns moved are each affine in
-// (1, row, column), counted from the middle in sides. In each round what lies `sigma` off, in
-// cells, counts a quarter; `stiff`: weight of no slope. Fill in how far each is off.
+// (1, row, column), measured from the middle in sides. In each round an error of `sigma` cells has
+// a weight of a quarter; `stiff`: weight of the prior for no slope. Fill in the errors `off`.
 KERNEL(fit_motion)(const float *found, intptr_t count, intptr_t side, double sigma,
                    intptr_t rounds, double stiff, double *motion, double *off)
 {
@@ -380,8 +380,8 @@ KERNEL(fit_motion)(const float *found, intptr_t count, intptr_t side, double sig
     return 0;
 }
 
-// Write what geometry says of a query and each reference, [several][3]: inliers, strength, and what
-// the query's upper half adds to it; `shifts`: common shifts, [several][2]; the rest is as
+// Write the verification of a query with each reference, [several][3]: inliers, strength, and the
+// part of it from the query's upper half; `shifts`: common shifts, [several][2]; the rest is as
 // in `displacements` and `fit_motion`.
 KERNEL(verify)(const int32_t *query, const int32_t *const *references, intptr_t several,
                intptr_t side, const int64_t *shifts, float unit, const float *weights,
@@ -413,12 +413,12 @@ KERNEL(verify)(const int32_t *query, const int32_t *const *references, intptr_t 
     return failed ? -1 : 0;
 }
 
-// What one region says of a pose, and of its own inverse depth.
+// The contribution of a region to the equations of the pose and of its inverse depth.
 typedef struct {
     double both[6], own, pull;
 } Share;
 
-// Turn by a vector of radians, as the identity if it is none, and write what comes of rows[3][4].
+// Apply a rotation vector, in radians, to rows[3][4]; a zero vector is the identity.
 static void turn_by(const double *turn, double (*rows)[4])
 {
     double angle = sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]), before[3][3];
@@ -442,7 +442,7 @@ static void turn_by(const double *turn, double (*rows)[4])
                                 turned[row][2] * before[2][column];
 }
 
-// Solve symmetric, positive equations [6][6 + 1], of which the upper half is read.
+// Solve symmetric, positive definite equations [6][6 + 1]; only the upper half is read.
 static void solve(double (*all)[7], double *found)
 {
     for (int pivot = 0; pivot < 6; pivot++)
@@ -459,8 +459,8 @@ static void solve(double (*all)[7], double *found)
     }
 }
 
-// Write how far off its picture a region is, and return what it says, at a motion rows[3][4].
-// `add`: to sums[6][7], information about the pose and its slope; to pull[6], the slope alone.
+// Write the error of a region and return its contribution, at a motion rows[3][4].
+// `add`: to sums[6][7], information about the pose and the gradient; to pull[6], the gradient only.
 static Share shared(const double *ray, const double *seen, double inverse, double given,
                     double held, const double *scale, double variance, double least_ahead,
                     const double (*rows)[4], double (*sums)[7], double *pull, double *off)
@@ -492,7 +492,7 @@ static Share shared(const double *ray, const double *seen, double inverse, doubl
                     found.both[one] * found.pull / found.own;
         sums[one][6] += pull[one];
     }
-    // The depth is eliminated: the Schur complement, a number.
+    // The depth is eliminated by the Schur complement, which is a scalar.
     for (int one = 0; one < 6; one++)
         for (int other = one; other < 6; other++)
             sums[one][other] += weight * (by[0][one] * by[0][other] + by[1][one] * by[1][other]) -
@@ -500,9 +500,9 @@ static Share shared(const double *ray, const double *seen, double inverse, doubl
     return found;
 }
 
-// Fit a motion rows[3][4] and inverse depths [count] to where regions were seen, [count][2], by one
-// round of least squares for each sigma. Fill in how far off each is, [count][2], what pulls at the
-// pose, [count][6], and the information about it, [6][6]; see `alignment.align`.
+// Fit a motion rows[3][4] and inverse depths [count] to positions of regions, [count][2], by one
+// round of least squares for each sigma. Fill in the errors, [count][2], the gradients by the pose,
+// [count][6], and the information about it, [6][6]; see `alignment.align`.
 KERNEL(align)(const double *rays, const double *seen, const double *given, const double *held,
               intptr_t count, const double *scale, const double *sigmas, intptr_t rounds,
               double stiffness, double least_ahead, double (*rows)[4], double *inverse,

@@ -9,8 +9,8 @@
 #define SMALL_SUMS // dot products of bytes are added up in 16 bits; see raw_dots
 #include "vectors.h"
 
-// Add products of a query's bytes with a reference's, two and two, in 16 bits. One of both has to
-// be without signs: the reference's, if none of its bytes has one.
+// Add products of a query's bytes with a reference's in pairs, in 16 bits. One operand must be
+// unsigned: the reference, if none of its bytes is negative.
 static inline Words add_twos(Words sum, Words reference, Words query, int are_positive)
 {
     if (!are_positive) {
@@ -23,13 +23,13 @@ static inline Words add_twos(Words sum, Words reference, Words query, int are_po
     return sum;
 }
 
-// Return the sums of two and two numbers of 16 bits, so many times.
+// Return the sums of pairs of 16-bit numbers, multiplied by a factor.
 static inline Words added(Words sums, int16_t times)
 {
     return (Words)_mm256_madd_epi16((__m256i)sums, _mm256_set1_epi16(times));
 }
 
-// Add products of four bytes in a word with four of another one, two and two.
+// Add the products of four bytes in a word with those in another word, in pairs.
 typedef Words Sums;
 static inline Sums begun(const int32_t *start) { return (void)start, splat(0); }
 static inline Words whole(Sums sum) { return added(sum, 1); }

@@ -1,7 +1,7 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// What this processor, and its operating system, let a program use: for each file named after a
-// kind of processors, whether its kernels can run; and whether that is true.
+// The instructions that the processor and its operating system support: for each kind of processor
+// (avx2.c and so on), whether its kernels can run; and a probe that verifies it.
 #include <setjmp.h>
 #include <signal.h>
 #include <stddef.h>
@@ -12,7 +12,7 @@
 TELL(version) { return 23; }
 
 #ifdef __x86_64__
-// The compiler's run time asks the processor what it has, and the system what it keeps.
+// The compiler's run time checks the processor, and which registers the system saves.
 #define HAS(name) __builtin_cpu_supports(name)
 TELL(has_avx2) { return HAS("x86-64-v3"); }
 TELL(has_avxvnni) { return convseq_has_avx2() && HAS("avxvnni"); }
@@ -27,7 +27,7 @@ static sigjmp_buf before;
 
 static void went_wrong(int number) { siglongjmp(before, number); }
 
-// Return what a probe does, or 1 if it meets an instruction that is not there. One thread at a
+// Return the result of a probe, or 1 if it meets an unsupported instruction. For one thread at a
 // time.
 __attribute__((visibility("default"))) int convseq_tried(int (*probe)(void))
 {

@@ -22,7 +22,7 @@ static inline Words dot(Words sum, Words reference, QueryStep query)
     return (Words)vdotq_lane_s32((int32x4_t)sum, (int8x16_t)reference, query, 0);
 }
 
-// Add products of four bytes in a word with four of another one.
+// Add the products of four bytes in a word with those in another word.
 typedef Words Sums;
 static inline Sums begun(const int32_t *start) { return (void)start, splat(0); }
 static inline Words whole(Sums sum) { return sum; }

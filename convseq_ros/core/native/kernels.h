@@ -1,14 +1,14 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// All kernels, which return 0, or -1 if there is no memory.
+// All kernels; they return 0, or -1 if there is no memory.
 #define JOIN(name, variant) convseq_##name##_##variant
 #define NAMED(name, variant) JOIN(name, variant)
 #define SHOWN __attribute__((visibility("default"))) // to who loads the library
 #define CALL(name) NAMED(name, VARIANT) // from another kernel
 #define KERNEL(name) SHOWN int CALL(name)
 #ifdef OFFSET
-// Add products of four bytes in a word with four of another one. One of both is taken as unsigned:
-// what sums begin with makes up for that.
+// Add the products of four bytes in a word with those in another word. One operand is unsigned; the
+// initial values of sums compensate for that.
 typedef Words Sums;
 static inline Sums begun(const int32_t *start) { return words(start); }
 static inline Words whole(Sums sum) { return sum; }

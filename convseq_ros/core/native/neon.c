@@ -27,7 +27,7 @@ static inline Words dot(Words sum, Words reference, QueryStep query)
     return (Words)vpadalq_s16((int32x4_t)sum, twos);
 }
 
-// Add products of four bytes in a word with four of another one, in 16 bits.
+// Add the products of four bytes in a word with those in another word, in 16 bits.
 typedef struct {
     int16x8_t low, high; // four products of a word beside each other
 } Sums;

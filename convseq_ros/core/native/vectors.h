@@ -1,7 +1,7 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// Vectors of LANES numbers of 32 bits, which GCC turns into instructions, and how bytes lie in
-// memory for the dot products of bytes, which it does not.
+// Vectors of LANES 32-bit numbers, which GCC turns into instructions; and the layout of bytes for
+// their dot products, which GCC does not provide.
 #include <float.h>
 #include <math.h>
 #include <stdint.h>
@@ -54,7 +54,7 @@ static inline Words larger(Words one, Words other)
 #endif
 }
 
-// Where a number is larger than the best so far, keep it, and its label.
+// Keep a number and its label where it is larger than the best so far.
 static inline void keep_larger(Floats number, Words label, Floats *best, Words *labels)
 {
 #if defined(__AVX512F__)
@@ -80,11 +80,11 @@ static inline Floats fused(Floats one, Floats other, Floats sum)
 #endif
 }
 
-// Lanes, from which on any number of them turns a vector; a shuffle takes them modulo LANES.
+// Lane indices for rotating a vector: LANES from any start on; a shuffle takes them modulo LANES.
 static const int32_t TURNED[32] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  9,  10, 11, 12, 13, 14, 15,
                                    16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31};
 
-// Add up numbers: the upper half to the lower one, and so on, in vectors of any width.
+// Sum the numbers of a vector: the upper half is added to the lower one, and so on, for any width.
 static inline float added_up(Floats *sums, int vectors)
 {
     for (int half = vectors / 2; half; half /= 2)
@@ -113,13 +113,13 @@ static inline Floats widened(const uint16_t *halves)
 #elif defined(__F16C__)
     return (Floats)_mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)halves));
 #else
-    // A half's bits, moved to where a float has them, are a number too small by 2 ** 112.
+    // The bits of a half, shifted to their position in a float, are too small by 2 ** 112.
     Words bits = __builtin_convertvector(*(const ShortsAnywhere *)halves, Words);
     return (Floats)(bits << 13 & splat((int32_t)0x8fffe000)) * 0x1p112f;
 #endif
 }
 
-// Return a sum above its label.
+// Return a sum with its label in the low bits.
 static inline Words labelled(Words sum, int32_t label)
 {
 #if defined(__AVX512VBMI2__)
@@ -132,7 +132,7 @@ static inline Words labelled(Words sum, int32_t label)
 #endif
 }
 
-// Return what a query has for a step, in all lanes.
+// Return a query's value for a step, in all lanes.
 #ifdef __x86_64__
 typedef Words QueryStep;
 
@@ -144,14 +144,14 @@ static inline QueryStep query_step(const int8_t *row, int step)
 }
 #endif
 
-// Return what half of a block of a reference has for a step.
+// Return the values of half a block of a reference for a step.
 static inline Words reference_step(const int8_t *block, int step, int half)
 {
     return *(const WordsAnywhere *)(block + (2 * step + half) * 4 * LANES);
 }
 
-// Return where byte 0 to 3 of a column lies in a vector: beside each other, or two and two, those
-// of four columns together, as they are unpacked.
+// Return the position of byte 0 to 3 of a column in a vector: contiguous, or in pairs, with those
+// of four columns together, as unpacking needs them.
 static inline int byte_place(int lane, int number)
 {
 #ifdef WIDENED

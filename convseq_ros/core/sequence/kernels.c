@@ -1,6 +1,6 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// Coarse scores: products of many rows of numbers in half precision with one vector.
+// Coarse scores: products of many half-precision rows with a vector.
 
 enum {
     ABREAST = 4, // rows at a time: what waits for one sum adds to another
@@ -15,7 +15,7 @@ static inline void add_products(const uint16_t *row, const float *direction, Flo
                            sums[part]);
 }
 
-// Write the products of so many rows with one vector. All processors add alike, to 16 sums.
+// Write the products of `count` rows with a vector. All processors use the same 16 sums.
 INLINE void multiply(const uint16_t *rows, int count, intptr_t numbers, const float *direction,
                      float *products)
 {
@@ -29,8 +29,8 @@ INLINE void multiply(const uint16_t *rows, int count, intptr_t numbers, const fl
         products[row] = added_up(sums[row], 16 / LANES);
 }
 
-// Write the products of rows [count][numbers] in half precision with one vector, which has zeros
-// behind it up to a multiple of 16: what lies behind a row counts for nothing.
+// Write the products of half-precision rows [count][numbers] with a vector, which is padded with
+// zeros to a multiple of 16, so that numbers after a row do not count.
 KERNEL(products)(const uint16_t *rows, intptr_t count, intptr_t numbers, const float *direction,
                  float *products)
 {
@@ -55,7 +55,7 @@ KERNEL(probe)(void)
 {
     uint16_t halves[16];
     float direction[16], product = 0;
-    // Bytes 1 and 2 again and again, wherever a layout has a region's four.
+    // Alternating bytes 1 and 2, so that the layout of a region's four bytes does not matter.
     int32_t dots = 0, expected = 1 + 2 * 2 + 3 + 2 * 4;
     for (int number = 0; number < 16; number++)
         halves[number] = 0x3c00, direction[number] = (float)number; // ones

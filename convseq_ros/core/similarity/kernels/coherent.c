@@ -7,18 +7,18 @@ enum {
     MARGIN = 8, // of a grid: room for the window, in whole vectors; as in kernels.py
 };
 
-// What comparing one query with references needs; regions are numbered row by row.
+// The state of comparing a query with references; regions are numbered row by row.
 typedef struct {
     intptr_t count, all; // salient regions of the query; regions of an image
     intptr_t side, width; // regions in a row of an image; shifts in a row of a grid of votes
     const double *window; // weights of votes from the middle on, [REACH + 1]
-    const int32_t *sums; // what dot products of the query's regions begin with
-    const int32_t *start, *end; // where regions lie in a grid: a vote is end less start
+    const int32_t *sums; // initial values of dot products of the query's regions
+    const int32_t *start, *end; // positions of regions in a grid: a vote is end - start
     const int32_t *labels; // 0, 1, 2, ...
     intptr_t vectors; // of regions of an image
-    Words *columns, *back; // of each column the best so far, and the row where that was
+    Words *columns, *back; // the best product of each column so far, and its row
     int32_t *there; // best counterparts of the query's regions
-    double *votes, *smooth; // grids of shifts, with room for the window around them
+    double *votes, *smooth; // grids of shifts, with a margin for the window
 } Pair;
 
 // Allocate a pair's memory; return whether there is any.
@@ -61,7 +61,7 @@ static void vote(Pair *pair, double found[3])
         middle[pair->end[place] - pair->start[back[place]]] += share;
     for (intptr_t place = first; place < first + span * width; place += LANES / 2)
         *(DoublesAnywhere *)(pair->smooth + place) = blended(pair->votes + place, pair->window, 1);
-    // Of every column the best row, then of these the best.
+    // First the best row of every column, then the best column.
     for (intptr_t column = 0; column < span; column += LANES / 2) {
         Doubles best = {0}, best_row = {0};
         for (intptr_t row = 0; row < span; row++) {
@@ -82,9 +82,9 @@ static void vote(Pair *pair, double found[3])
     found[2] = peak_column - (double)(side - 1);
 }
 
-// Find the counterparts of a tile's rows, and raise those of all columns, by bytes. A word is a dot
-// product and, below it, row plus vector: one maximum finds the vector of a row, another one the
-// row of a column, where every instruction costs time. Of equal products the last counts.
+// Find the counterparts of a tile's rows, and update those of all columns, by bytes. A word holds a
+// dot product and, in its low bits, row plus vector, so a single maximum finds both: in this loop
+// every instruction counts. Of equal products the last one is taken.
 static void match_bytes(Pair *pair, const void *query, const void *reference, intptr_t first)
 {
     Words best[ROWS];
@@ -105,14 +105,14 @@ static void match_bytes(Pair *pair, const void *query, const void *reference, in
         pair->columns[vector] = larger(pair->columns[vector], highest[0]);
         pair->columns[vector + 1] = larger(pair->columns[vector + 1], highest[1]);
     }
-    for (int row = 0; row < ROWS; row++) { // of equal products the last region counts here, too
+    for (int row = 0; row < ROWS; row++) { // of equal products the last one is taken here, too
         Words vector = (best[row] & LABEL) - (int32_t)(first + row);
         Words regions = vector * LANES + *(const WordsAnywhere *)TURNED;
         pair->there[first + row] = largest((best[row] & ~LABEL) | regions) & LABEL;
     }
 }
 
-// The same by floats; of equal products the first counts.
+// The same by floats; of equal products the first one is taken.
 static void match_floats(Pair *pair, const void *query, const void *reference, intptr_t first)
 {
     Floats best[ROWS], *columns = (Floats *)pair->columns;
@@ -147,8 +147,8 @@ static void match_floats(Pair *pair, const void *query, const void *reference, i
 }
 
 // Write score and shift, [several][3], of a query and each reference: by bytes, whose products are
-// exact, if it is told what the sums of the query's regions begin with, else by floats. The rest is
-// as in `Pair`; start, end and labels go on up to full tiles.
+// exact, if the initial values of sums are given, else by floats. The rest is as in `Pair`; start,
+// end and labels are padded to full tiles.
 KERNEL(compare)(const void *query, const int32_t *sums, const int32_t *start, intptr_t count,
                 intptr_t side, intptr_t width, const int32_t *end, const int32_t *labels,
                 const double *window, const void *const *references, intptr_t several,

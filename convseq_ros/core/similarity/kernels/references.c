@@ -1,9 +1,9 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// References, from their packed cells to what is compared of them, and how alike they are as wholes.
+// References, from their packed cells to their features, and their global similarities.
 
 // Fill in the normalised cells [size][size][8]; see `normalized`. Return 0, or -1 if there is no
-// memory. typical: means of the image at which a number counts half.
+// memory. typical: the number, in means of the image, that becomes 0.5.
 KERNEL(normalize)(const float *cells, intptr_t size, float middle, float side,
                       double typical, float *found)
 {
@@ -45,9 +45,9 @@ KERNEL(normalize)(const float *cells, intptr_t size, float middle, float side,
     return above ? 0 : -1;
 }
 
-// Subtract the background from regions [side * side][32], to unit length, and add them up in
-// square blocks, [blocks][blocks][32], in whole numbers, whose products are exact in any order.
-// Without `sums` none are added up.
+// Subtract the background from regions [side * side][32], scale them to unit length, and sum them
+// over square blocks, [blocks][blocks][32], as integers, whose products are exact in any order.
+// Without `sums` there are no blocks.
 KERNEL(subtract)(float *regions, const float *background, intptr_t side, intptr_t block,
                       float *sums)
 {
@@ -66,13 +66,13 @@ KERNEL(subtract)(float *regions, const float *background, intptr_t side, intptr_
     return 0;
 }
 
-// Lay out references as they are compared, in panels; shown: 0 for one without any gradient.
+// Compute the features of references, in panels; shown: 0 for a reference without gradient.
 //
 // packed: cells [size][size][8] of each in half precision, to be multiplied by `unit`. They are
-// normalised (see there) if `typical` is not 0, and less the background if there is one. A panel has
-// the regions, those of every `step`-th row and column, in `room` bytes, and ends with the sums of
-// blocks of all regions if these are asked for, as is a background. Without a scale regions are
-// floats as they come; else they are bytes.
+// normalised (see there) if `typical` is not 0; the background is subtracted if there is one. A
+// panel has the regions of every `step`-th row and column in `room` bytes, followed by the sums of
+// blocks of all regions, if `block` and a background are given. With a scale of 0, regions are
+// floats in their original order; otherwise they are bytes.
 KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, int step,
                 float unit, float middle, float beside, double typical, const float *axes,
                 const float *origin, const float *background, intptr_t block, float scale,
@@ -80,7 +80,7 @@ KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, 
 {
     intptr_t side = (size - SPAN) / step + 1, count = side * side, numbers = size * size * BINS;
     intptr_t blocks = block ? (side + block - 1) / block : 0;
-    // Cells as they are, and normalised; regions.
+    // Cells, normalised cells, and regions.
     float *cells = malloc((size_t)(2 * numbers + count * NUMBERS) * sizeof *cells);
     float *normal = cells + numbers;
     int failed = !cells;
@@ -110,8 +110,8 @@ KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, 
     return failed ? -1 : 0;
 }
 
-// Write the largest product of a query's blocks [count][width][32], wherever the first `count` of a
-// row begin, with those of each reference, `behind` numbers after its beginning.
+// Write the largest product of a query's blocks [count][width][32], over all shifts of `count` in a
+// row, with those of each reference, `behind` numbers after its start.
 KERNEL(lateral_products)(const float *query, intptr_t count, intptr_t width,
                          const float *const *references, intptr_t behind, intptr_t several,
                          double *found)

@@ -1,8 +1,8 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// The paper's pair score: of each salient region of a query the best similarity anywhere.
+// The paper's pair score: the mean best similarity of a query's salient regions.
 
-// Return whether the mean of the first of `count` values is so many standard errors off a limit.
+// Return whether the mean of the first values, of `count`, is so many standard errors off a limit.
 static int is_sure(double total, double squares, double first, double count, double limit,
                    double errors)
 {
@@ -11,10 +11,10 @@ static int is_sure(double total, double squares, double first, double count, dou
     return off * off > errors * errors * variance;
 }
 
-// Write the scores of a query and each reference: by bytes, of this scale in all, if it is told
-// what the sums of the query's regions begin with, else by floats. No region has negative numbers,
-// so that floats are in order as whole numbers are. After each `look` regions it ends if it is
-// sure on which side of a limit the score lies; a look of 0 is none.
+// Write the scores of a query and each reference: by bytes, with `scale` for their products, if the
+// initial values of sums are given, else by floats. No region has negative numbers, so floats have
+// the same order as their bits. After each `look` regions it ends if the side of the limit is
+// decided; a look of 0 disables this.
 KERNEL(score)(const void *query, const int32_t *start, intptr_t count, intptr_t all, double scale,
               double limit, double errors, intptr_t look, const void *const *references,
               intptr_t several, float *scores)

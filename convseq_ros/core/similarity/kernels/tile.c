@@ -3,10 +3,10 @@
 // Tiles of dot products: ROWS regions of a query by two vectors of a reference's, COLUMNS. All
 // sums stay in registers while the numbers of the regions stream by.
 //
-// A query lies as [rows][numbers], up to full tiles; a reference as [blocks][numbers][COLUMNS], or
-// for bytes as [blocks][numbers / 4][2][4 * LANES]. In both, the last region is repeated.
+// The layout of a query is [rows][numbers], of a reference [blocks][numbers][COLUMNS], or
+// [blocks][numbers / 4][2][4 * LANES] for bytes. Both are padded by repeating the last region.
 #ifdef SMALL_SUMS
-#define START(start) 0 // nothing was added to a reference's bytes
+#define START(start) 0 // a reference's bytes have no offset
 #define ADDED(origin) (origin)
 #else
 #define START(start) (start)
@@ -19,9 +19,9 @@ static inline Words add_twos(Words sum, Words reference, QueryStep query, int ar
 }
 #endif
 
-// Write dot products of bytes; where sums are small, as sums of two numbers of 16 bits: a query's
-// and a reference's bytes have lengths whose product is below 2 ** 15, and so have all sums, in any
-// order. `start`: what sums begin with, to make up for what was added to a reference's bytes.
+// Write dot products of bytes; with SMALL_SUMS, as sums of two numbers of 16 bits: the lengths of a
+// query's and a reference's bytes have a product below 2 ** 15, so all sums are below it, in any
+// order. `start`: initial values of sums, which compensate the offset of a reference's bytes.
 INLINE void raw_dots(const int8_t *query, const int8_t *block, const int32_t *start,
                      int are_positive, Words sums[ROWS][2])
 {
@@ -29,7 +29,7 @@ INLINE void raw_dots(const int8_t *query, const int8_t *block, const int32_t *st
 #pragma GCC unroll 16
     for (int row = 0; row < ROWS; row++)
         sums[row][0] = sums[row][1] = splat(START(start[row]));
-    // Else the compiler keeps the address of every number, and runs out of registers.
+    // Otherwise the compiler keeps the address of every number, and runs out of registers.
     __asm__("" : "+r"(query));
 #pragma GCC unroll 8
     for (int step = 0; step < STEPS; step++) {
@@ -43,7 +43,7 @@ INLINE void raw_dots(const int8_t *query, const int8_t *block, const int32_t *st
     }
 }
 
-// Write the same of bytes that are not negative. They are exact, so all processors find the same.
+// The same for bytes that are not negative. Products are exact, so all processors agree.
 INLINE void byte_dots(const int8_t *query, const int8_t *block, const int32_t *start,
                       Words sums[ROWS][2])
 {
@@ -55,7 +55,7 @@ INLINE void byte_dots(const int8_t *query, const int8_t *block, const int32_t *s
 #endif
 }
 
-// Write the same above their labels; here bytes may be negative.
+// The same, with labels in the low bits; here bytes may be negative.
 INLINE void labelled_dots(const int8_t *query, const int8_t *block, const int32_t *start,
                           const int32_t *labels, Words words[ROWS][2])
 {
@@ -70,7 +70,7 @@ INLINE void labelled_dots(const int8_t *query, const int8_t *block, const int32_
 #endif
 }
 
-// Write dot products of floats, which all processors add alike.
+// Write dot products of floats; the order of sums is the same on all processors.
 INLINE void float_dots(const float *query, const float *block, Floats sums[ROWS][2])
 {
 #pragma GCC unroll 16
@@ -93,11 +93,11 @@ static inline intptr_t rounded_up(intptr_t count, intptr_t step)
     return (count + step - 1) / step * step;
 }
 
-// Regions of a query and of a reference in a tile; what is added to a reference's bytes that lie
-// above an origin of 0, and above one of 127: if they may be, they are told as they were.
+// Regions of a query and of a reference in a tile; the offset that is added to a reference's bytes,
+// for an origin of 0 and for an origin of 127.
 SHOWN const int32_t CALL(shape)[] = {ROWS, COLUMNS, ADDED(0), ADDED(127)};
 
-// Lay out the regions [count][32] of a reference as bytes, above an origin, which sums make up for.
+// Lay out the regions [count][32] of a reference as bytes less an origin, which sums compensate.
 KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int origin,
                        int8_t *packed)
 {
@@ -133,7 +133,7 @@ KERNEL(unpack_reference)(const int8_t *packed, intptr_t count, float scale, floa
     return 0;
 }
 
-// Add dot products in registers alone, 12 in every loop: the most that the processor can do.
+// Add dot products in registers only, 12 in every loop: the highest rate of the processor.
 KERNEL(peak)(intptr_t loops, int32_t *found)
 {
     int8_t numbers[NUMBERS] = {1, 2, 3, 4};
@@ -142,7 +142,7 @@ KERNEL(peak)(intptr_t loops, int32_t *found)
     for (intptr_t loop = 0; loop < loops; loop++)
 #pragma GCC unroll 12
         for (int one = 0; one < 12; one++) {
-            __asm__ volatile("" : REGISTER(reference)); // every product is made
+            __asm__ volatile("" : REGISTER(reference)); // keeps every product
             sums[one] = add_twos(sums[one], reference, query, 0);
         }
     for (int one = 1; one < 12; one++)
