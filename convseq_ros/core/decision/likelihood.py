@@ -48,8 +48,8 @@ class RATIO:
     doubt: float = 2.5
     share: float = 0.6  # For places of the running drive, usual is that of the last two frames.
     # From this share of the usual strength on, a place is a rival hypothesis and not a control;
-    # and a control lowers the ratio of a place only as far as this share allows.
-    alike: float = 0.75
+    # and a control lowers the ratio of a place only as far as the place's own share allows.
+    rival: float = 0.75
     level_memory: float = 5.0  # number of matches over which the usual strength is averaged
 
 
@@ -124,7 +124,7 @@ class Likelihood:
 
     def hypotheses(self, strengths: Doubles, is_current: Flags) -> Flags:
         """Return which places (n,) have nearly the usual strength of matches."""
-        return self._shares(strengths, is_current) > math.log(RATIO.alike)
+        return self._shares(strengths, is_current) > math.log(RATIO.rival)
 
     def judge(self, strengths: Doubles, scores: Doubles, is_rival: Flags) -> Leads:
         """

@@ -32,7 +32,7 @@ class Precision:
     agreeing: float  # largest error of an inlier
     fewest: int  # least number of inliers
     least_share: float = 0.0  # least share of inliers
-    alike: int = 1  # side of a square of regions whose errors are correlated, in regions
+    block: int = 1  # side of a square of regions whose errors are correlated, in regions
 
 
 @constants
@@ -40,7 +40,7 @@ class ALIGNMENT:
     """Tuned on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
 
     # For regions; unrelated images have fewer than 40 inliers.
-    cells: Precision = Precision(sigmas=(1.0,) * 4 + (0.3,) * 7, agreeing=0.6, fewest=40, alike=3)
+    cells: Precision = Precision(sigmas=(1.0,) * 4 + (0.3,) * 7, agreeing=0.6, fewest=40, block=3)
     # Share of the way across that the field misses, per cell that it moves a region of median
     shrunk: float = 0.08  # depth; fitted on drawn streets
     # RANSAC for the start: least inverse depth of a point, in its sigmas, and the number of
@@ -90,7 +90,7 @@ def align(
     if (share := agreeing / len(inverse)) < precision.least_share:
         return None
     # Errors of neighbours are correlated: gradients are summed over squares of regions.
-    squares = _squares(np.flatnonzero(known), len(known), precision.alike)
+    squares = _squares(np.flatnonzero(known), len(known), precision.block)
     sums = np.stack([np.bincount(squares, gradient) for gradient in pulls.T])
     least = np.linalg.inv(information)
     covariance = least @ (information + sums @ sums.T) @ least

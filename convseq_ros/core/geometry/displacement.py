@@ -16,7 +16,7 @@ import numpy.typing as npt
 # (n, 5): row and column of a region, rows and columns that it moved, in cells; its similarity.
 Displacements = Floats
 _WORDS = REGION.numbers // 4  # words of four bytes per region
-_SPREAD = 32  # rows are padded to a multiple of so many columns, as in kernels.c
+_SPREAD = 32  # rows are padded to a multiple of 32 columns, as in kernels.c
 
 
 @constants

@@ -1,3 +1,3 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How alike two images are (paper III-D, and ours)."""
+"""Similarity scores of two images (paper III-D, and ours)."""
