@@ -1,17 +1,17 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print how often one of two aisles that look alike is taken for the other.
+Print how often two similar aisles are confused.
 
 Usage: python scripts/aisles.py [--metres 250] [--streets 1 2] [--alike 0] [--threads 1], two
-minutes a street and a share. Aisles A and B are drawn streets with houses of the same shapes, the
-given share of them painted alike, and the same lamps, but other trees, parked cars, signs and
-roads. They are mapped by day, and driven through again .4 m to the side, by day (odd streets) or
-in the evening, without odometry: B where only A is mapped; both again as they were mapped; and
-both the other way round, where nothing of the map is seen, but if B is `turned`, A back looks as
-B did, and B back as A did. Right is in the same aisle within 5 m. With a share of 0, twins lead
-over other places by as much as alike aisles of a real office do; with .5, as a true place does
-between day and night.
+minutes per street and share. Aisles A and B are drawn streets with the same lamps and house
+shapes. The given share of houses has the same paint; trees, cars, signs and roads differ. The map
+is made by day. The second drive is 0.4 m to the side, by day (odd streets) or in the evening,
+without odometry. It covers B with only A mapped, both as mapped, and both in the other direction.
+In the other direction no mapped place is visible; if B is `turned`, A backwards resembles mapped B
+and B backwards resembles mapped A. A match is right in the same aisle within 5 m. At a share of 0,
+twins lead over other places by as much as similar aisles of a real office. At 0.5, the lead is
+that of a true place between day and night.
 """
 
 from collections import Counter, defaultdict
@@ -25,31 +25,31 @@ from convseq_ros.simulation.drive import Way
 from convseq_ros.simulation.street import Spot, Street
 from drives import count, head, options, RIGHT_M, row, shots
 
-MARGIN_M = 10.0  # of an aisle, before and after what is driven
+MARGIN_M = 10.0  # of an aisle, before and after the driven part
 LANE_M, ASIDE_M = -1.0, 0.4
 NOISE = {'day': 1.0, 'evening': 2.0}
 BACK = 'both the other way round', 'both the other way round, B turned'
-Shown = list[tuple[tuple[str, float], Frame]]  # an aisle, how far along it, and what is seen
+Shown = list[tuple[tuple[str, float], Frame]]  # aisle, distance along it, and frame
 
 
 @dataclass(frozen=True, slots=True)
 class Turned:
-    """A street that is driven from its other end."""
+    """A street that is driven from the other end."""
 
     street: Street
 
     @property
     def length_m(self) -> float:
-        """How far it may be driven."""
+        """The drivable length."""
         return self.street.length_m
 
     def spot(self, distance_m: float, offset_m: float, yaw_rad: float) -> Spot:
-        """Return where one is after a distance, so far to the left, turned so far from ahead."""
+        """Return the spot at a distance, an offset to the left and a yaw, from the other end."""
         return self.street.spot(self.length_m - distance_m, -offset_m, yaw_rad + math.pi)
 
 
 def driven(way: Way, name: str, again: str = '', back: bool = False) -> Shown:
-    """Return frames 1 m apart through an aisle, `again` in some light, and where each is taken."""
+    """Return frames 1 m apart with their positions; `again` is the light of a second drive."""
     light, lane_m = again or 'day', LANE_M + (ASIDE_M if again else 0.0)
     metres = round(way.length_m - 2 * MARGIN_M)
     drawn = shots(
@@ -61,29 +61,29 @@ def driven(way: Way, name: str, again: str = '', back: bool = False) -> Shown:
 
 
 def one_drive(parts: tuple[Shown, ...]) -> Shown:
-    """Return parts of a drive one after the other, a tenth of a second from frame to frame."""
+    """Return parts as one drive with 0.1 s between frames."""
     return [
         (place, replace(frame, stamp_ns=(index + 1) * 100_000_000))
         for index, (place, frame) in enumerate(chain.from_iterable(parts))
     ]
 
 
-def recognised(mapped: Shown, asked: Shown, back: bool, config: Config) -> Counter[str]:
-    """Recognise one drive in a map of another."""
+def recognised(mapped: Shown, queries: Shown, back: bool, config: Config) -> Counter[str]:
+    """Recognise a drive in the map of another drive, and return the counts."""
     reference_map = build_map([frame for _, frame in mapped], None, config)
-    there, here = ({one.stamp_ns: place for place, one in some} for some in (mapped, asked))
+    there, here = ({one.stamp_ns: place for place, one in drive} for drive in (mapped, queries))
 
-    def is_right(frame, found) -> bool:
-        (aisle, at_m), (own, own_m) = there[found.reference_stamp_ns], here[frame.stamp_ns]
-        return aisle == own and abs(at_m - own_m) <= RIGHT_M and not back
+    def is_right(frame, match) -> bool:
+        (aisle, at_m), (true, true_m) = there[match.reference_stamp_ns], here[frame.stamp_ns]
+        return aisle == true and abs(at_m - true_m) <= RIGHT_M and not back
 
-    return count(PlaceRecognizer(reference_map, config), [one for _, one in asked], is_right)
+    return count(PlaceRecognizer(reference_map, config), [one for _, one in queries], is_right)
 
 
 def main() -> None:
     """Draw, map, recognise, and print a table."""
     chosen = options(__doc__, metres=250, streets=[1, 2], alike=[0.0], threads=0)
-    config, found = make_config({'threads': chosen.threads}), defaultdict(Counter)
+    config, results = make_config({'threads': chosen.threads}), defaultdict(Counter)
     for street in chosen.streets:
         light = 'day' if street % 2 else 'evening'
         way = Street(chosen.metres + 2 * MARGIN_M, street)
@@ -96,18 +96,18 @@ def main() -> None:
             twin = replace(way, things_seed=1000 + street, alike=share)
             twin_mapped, twin_again = driven(twin, 'B'), driven(twin, 'B', light)
             turned = Turned(twin)
-            for name, maps, asked in (
+            for name, maps, queries in (
                 ('B, A mapped', (mapped,), (twin_again,)),
                 ('both again', (mapped, twin_mapped), (again, twin_again)),
                 (BACK[0], (mapped, twin_mapped), (back, driven(twin, 'B', light, True))),
                 (BACK[1], (mapped, driven(turned, 'B')), (back, driven(turned, 'B', light, True))),
             ):
-                counts = recognised(one_drive(maps), one_drive(asked), name in BACK, config)
-                found[share, name].update(counts, frames=sum(map(len, asked)))
+                counts = recognised(one_drive(maps), one_drive(queries), name in BACK, config)
+                results[share, name].update(counts, frames=sum(map(len, queries)))
     head('alike', 'driven', 'frames', 'keyframes', 'right', 'false')
-    for (share, name), counts in found.items():
-        told = (counts[key] for key in ('frames', 'keyframes', 'right', 'false'))
-        row(f'{share:g}', name, *told)
+    for (share, name), counts in results.items():
+        cells = (counts[key] for key in ('frames', 'keyframes', 'right', 'false'))
+        row(f'{share:g}', name, *cells)
 
 
 if __name__ == '__main__':

@@ -1,15 +1,15 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print what is recognised of drawn streets that are driven both ways.
+Print the recall on drawn streets that are driven in both directions.
 
-Usage: python scripts/both_ways.py [--streets 1 2] [--metres 200], some three minutes a street.
-The map is of the front camera of a drive by day. Later drives go in reverse gear, with that
-camera, and back, turned round, with a front and a rear one, then also in a map without poses; 1 m
-and 3 m (the opposite lane) to the side, by day and in the evening, without odometry. A place is
-recalled if a camera recognises it within 5 m of where the robot is; further off, or with the
-camera that looks the other way, a match is false. `turned` is the median error of the base's
-heading against the place's, in degrees.
+Usage: python scripts/both_ways.py [--streets 1 2] [--metres 200], about three minutes per street.
+The map is made with the front camera by day. Later drives go in reverse gear with that camera, or
+back, turned round, with a front and a rear camera; the latter also with a map without poses. They
+are 1 m and 3 m (the opposite lane) to the side, by day and in the evening, without odometry. A
+place is recalled if a camera recognises it within 5 m of the robot. A match further away, or by
+the camera that looks the other way, is false. `turned` is the median error of the base's heading
+relative to the place, in degrees.
 """
 
 from collections import Counter, defaultdict
@@ -28,7 +28,7 @@ LANE_M = -1.5
 NOISE = {'day': 1.0, 'evening': 2.0}
 FRONT, REAR = '/front', '/rear'
 YAW_DEG = {FRONT: 0.0, REAR: 180.0}
-# How the street is driven again: heading, and which cameras see it.
+# The second drive: heading and cameras.
 WAYS = {'in reverse gear': (0.0, (FRONT,)), 'back, two cameras': (180.0, (FRONT, REAR))}
 BOTH = Config(matching=MatchingConfig(both_directions=True))
 RULES = {'one': Config(), 'both': BOTH, 'both, no poses': BOTH}
@@ -44,14 +44,14 @@ def driven(street: int, metres: int, source: str, **how: object) -> Shots:
 def recognised(
     reference_map: ReferenceMap, at: dict[int, float], config: Config, shown: list[Shots]
 ) -> tuple[Counter[str], list[float]]:
-    """Recognise what the cameras saw, frame by frame together; return errors of headings, too."""
+    """Return the counts of simultaneous camera frames, and the heading errors in degrees."""
     counts, turned_deg = Counter[str](), list[float]()
-    cameras = Cameras(reference_map, config, [one[0][1].source for one in shown])
-    turns = [one[0][1].pose.orientation for one in shown]
+    cameras = Cameras(reference_map, config, [shots[0][1].source for shots in shown])
+    turns = [shots[0][1].pose.orientation for shots in shown]
     heading = np.median([2 * math.atan2(turn[2], turn[3]) for turn in turns])
-    for together in zip(*shown, strict=True):
+    for frames in zip(*shown, strict=True):
         recalled = False
-        for here_m, frame in together:
+        for here_m, frame in frames:
             match = cameras.process(replace(frame, pose=None))
             if accepted := match.accepted:
                 right = abs(at[accepted.reference_stamp_ns] - here_m) <= RIGHT_M
@@ -59,8 +59,8 @@ def recognised(
                 right &= len(shown) == 1 or frame.source == REAR
                 recalled, counts['false'] = recalled or right, counts['false'] + (not right)
                 if match.relative_yaw_rad is not None:
-                    off_rad = math.remainder(match.relative_yaw_rad - heading, math.tau)
-                    turned_deg.append(abs(math.degrees(off_rad)))
+                    error_rad = math.remainder(match.relative_yaw_rad - heading, math.tau)
+                    turned_deg.append(abs(math.degrees(error_rad)))
         counts['places'] += 1
         counts['recalled'] += recalled
     return counts, turned_deg
@@ -69,7 +69,7 @@ def recognised(
 def main() -> None:
     """Draw, map, recognise, and print a table."""
     chosen = options(__doc__, metres=200, streets=[1, 2])
-    found: dict[tuple[str, str, str, str], Counter[str]] = defaultdict(Counter)
+    results: dict[tuple[str, str, str, str], Counter[str]] = defaultdict(Counter)
     turned_deg: dict[tuple[str, str, str, str], list[float]] = defaultdict(list)
     for street in chosen.streets:
         how = {'seed': 10 * street, 'lane_offset_m': LANE_M, 'noise': NOISE['day']}
@@ -98,10 +98,10 @@ def main() -> None:
                         reference_map = without if 'no poses' in rule else with_poses
                         key = way, f'{aside_m:g} m', light, rule
                         counts, turned = recognised(reference_map, at, config, shown)
-                        found[key].update(counts)
+                        results[key].update(counts)
                         turned_deg[key] += turned
     head('driven', 'to the side', 'light', 'directions', 'recalled of places', 'false', 'turned')
-    for key, counts in found.items():
+    for key, counts in results.items():
         turned = f'{np.median(turned_deg[key]):.1f}°' if turned_deg[key] else ''
         row(*key, f'{counts["recalled"]} of {counts["places"]}', counts['false'], turned)
 

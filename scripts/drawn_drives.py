@@ -14,12 +14,12 @@ from drives import shots
 import numpy as np
 
 SPEED_MPS = 10.0
-PERIOD = 2  # stretches after which a terrace repeats
+PERIOD = 2  # of a terrace, in stretches
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A street, the drives of the map and of who asks; `looks` are what happens to images."""
+    """A street with a map drive and a query drive; `looks` are alterations of the images."""
 
     name: str
     seed: int
@@ -37,28 +37,28 @@ class Pair:
 
 @dataclass(frozen=True)
 class Terrace:
-    """A street whose left side repeats; the right side, cars, trees and signs do not."""
+    """A street whose left side repeats; its right side, cars, trees and signs differ."""
 
     length_m: float
     seed: int
 
     def spot(self, distance_m: float, offset_m: float, yaw_rad: float) -> Spot:
-        """Return where one is, as `Street.spot`."""
+        """Return the same as `Street.spot`."""
         here = distance_m, offset_m, yaw_rad
         return Spot(*here, self, *here)
 
     def stretch(self, index: int, light: Light) -> Stretch:
-        """Return what stands on a stretch, as `Street.stretch`."""
-        alike, own = (Layout(self.seed, one, light) for one in (index % PERIOD, index))
-        away = (index - index % PERIOD) * STRETCH_M
+        """Return a stretch, as `Street.stretch`."""
+        repeated, own = (Layout(self.seed, at, light) for at in (index % PERIOD, index))
+        shift_m = (index - index % PERIOD) * STRETCH_M
         left = [
             replace(
                 panel,
-                start=(panel.start[0] + away, panel.start[1]),
-                end=(panel.end[0] + away, panel.end[1]),
-                lamps=[(x + away, y) for x, y in panel.lamps],
+                start=(panel.start[0] + shift_m, panel.start[1]),
+                end=(panel.end[0] + shift_m, panel.end[1]),
+                lamps=[(x + shift_m, y) for x, y in panel.lamps],
             )
-            for panel in alike.houses(1)
+            for panel in repeated.houses(1)
         ]
         buildings = [*own.second_row(), *left, *own.houses(-1)]
         return Stretch(
@@ -82,7 +82,7 @@ PAIRS = (
     Pair('terrace-low', 215, 1.5, is_terrace=True, both_look=LOW, offset_m=0.5),
 )  # fmt: skip
 
-# On which nothing was fitted.
+# Never used for fitting.
 CHECKS = (
     Pair('check-evening', 602, count=120, light='evening', offset_m=0.0),
     Pair('check-night', 603, count=120, light='night'),
@@ -96,7 +96,7 @@ CHECKS = (
 
 
 def altered(gray: np.ndarray, look: str, rng: np.random.Generator) -> np.ndarray:
-    """Return an image after rain, motion or a small sensor."""
+    """Return an image altered by rain, motion blur or a small sensor."""
     height, width = gray.shape
     if look in ('160', '64'):
         size = (160, 120) if look == '160' else (64, 32)
@@ -115,19 +115,19 @@ def altered(gray: np.ndarray, look: str, rng: np.random.Generator) -> np.ndarray
 
 
 @lru_cache(maxsize=4)
-def drawn(pair: Pair, asks: bool) -> tuple[list[Frame], np.ndarray]:
-    """Return the frames of the map's drive, or of the one that asks, and how far each is."""
-    speed = pair.speed if asks else 1.0
+def drawn(pair: Pair, is_query: bool) -> tuple[list[Frame], np.ndarray]:
+    """Return the frames of the map drive or of the query drive, and their distances."""
+    speed = pair.speed if is_query else 1.0
     way = Terrace(1000.0, pair.seed) if pair.is_terrace else Street(1000.0, pair.seed)
     shown = shots(
         way, speed_mps=SPEED_MPS * speed, frame_rate_hz=SPEED_MPS / pair.step_m,
-        num_frames=int(pair.count / speed), lane_offset_m=pair.offset_m if asks else -1.5,
-        heading_deg=pair.heading_deg * asks, light=pair.light if asks else 'day',
-        noise=pair.noise * asks, seed=2 * pair.seed + asks,
+        num_frames=int(pair.count / speed), lane_offset_m=pair.offset_m if is_query else -1.5,
+        heading_deg=pair.heading_deg * is_query, light=pair.light if is_query else 'day',
+        noise=pair.noise * is_query, seed=2 * pair.seed + is_query,
     )  # fmt: skip
-    rng, frames = np.random.default_rng((pair.seed, asks)), []
+    rng, frames = np.random.default_rng((pair.seed, is_query)), []
     for _, frame in shown:
-        for look in (*pair.both_look, *(pair.looks if asks else ())):
+        for look in (*pair.both_look, *(pair.looks if is_query else ())):
             frame = replace(frame, gray=altered(frame.gray, look, rng))
         frames.append(frame)
     return frames, np.array([at for at, _ in shown])

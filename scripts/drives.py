@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the other scripts share: options, drawn drives, counts of right and false answers, rows."""
+"""Shared by the other scripts: options, drawn drives, counts of matches, tables."""
 
 import argparse
 from collections import Counter
@@ -20,11 +20,11 @@ import numpy as np
 RIGHT_M = 5.0
 PASSED_OVER = Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY
 START_NS, HOUR_NS = 1_700_000_000_000_000_000, 3600 * 10**9
-Shots = list[tuple[float, Frame]]  # how far along its way each frame was taken, in metres
+Shots = list[tuple[float, Frame]]  # distance along the way in metres, and frame
 
 
 def options(description: str | None, **defaults: Any) -> argparse.Namespace:
-    """Return what the command line says; None is for a path, [] for paths, a list for several."""
+    """Parse the command line; a default of None is a path, [] are paths, a list several values."""
     parser = argparse.ArgumentParser(description=description)
     for name, default in defaults.items():
         flag = f'--{name.replace("_", "-")}'
@@ -40,7 +40,7 @@ def options(description: str | None, **defaults: Any) -> argparse.Namespace:
 
 
 def town(seed: int) -> Route:
-    """Return a way of some 1,080 m through a town of 300 m by 200 m."""
+    """Return a route of about 1,080 m through a town of 300 m by 200 m."""
     corners = ((10, 0), (150, 0), (150, 100), (0, 100), (0, 200), (300, 200), (300, 0), (190, 0))
     return Route(tuple((float(x), float(y)) for x, y in corners), seed=seed)
 
@@ -48,7 +48,7 @@ def town(seed: int) -> Route:
 def lanes(
     length_m: float, middle_m: float, aside_m: float, rng: np.random.Generator
 ) -> tuple[tuple[float, float], ...]:
-    """Return a line that wanders to both sides of a lane, as `Drive` takes it."""
+    """Return a line that wanders to both sides of a lane, for `Drive.lanes`."""
     at = np.arange(0.0, length_m + 30.0, 30.0)
     offsets = np.clip(middle_m + rng.uniform(-aside_m, aside_m, len(at)), -3.0, 3.0)
     return tuple(zip(at.tolist(), offsets.tolist(), strict=True))
@@ -57,7 +57,7 @@ def lanes(
 def shots(way: Way, **how: Any) -> Shots:
     """Return the frames of a drive, by default of 320 x 240 px and 1 m apart."""
     drive = Drive(**{'width_px': 320, 'height_px': 240} | how)
-    tell(f'drawing {drive.num_frames} frames by {drive.light}')
+    progress(f'drawing {drive.num_frames} frames by {drive.light}')
     return [(shot.distance_m, shot.frame) for shot in draw(way, drive)]
 
 
@@ -67,7 +67,7 @@ def blind(frames: Iterable[Frame]) -> list[Frame]:
 
 
 def away_m(one: Pose | None, other: Pose | None) -> float:
-    """Return how far apart two poses are; infinity if one is not known."""
+    """Return the distance of two poses; infinity if one is missing."""
     return math.dist(one.position, other.position) if one and other else math.inf
 
 
@@ -76,7 +76,7 @@ def count(
     frames: Iterable[Frame],
     is_right: Callable[[Frame, Candidate], bool],
 ) -> Counter[str]:
-    """Recognise frames; count keyframes, and of those accepted the right and the false ones."""
+    """Recognise frames, and count keyframes, right and false matches."""
     counts = Counter[str]()
     for frame in frames:
         match = recognizer.process(frame)
@@ -97,6 +97,6 @@ def row(*cells: object) -> None:
     print(f'| {" | ".join(map(str, cells))} |', flush=True)
 
 
-def tell(text: str) -> None:
-    """Say what is done meanwhile."""
+def progress(text: str) -> None:
+    """Print a progress message."""
     print(text, file=sys.stderr, flush=True)

@@ -1,14 +1,14 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print what is recognised of a circuit that is driven in laps, and of another in the same hall.
+Print the recall on a circuit that is driven in laps, and on another circuit in the same hall.
 
-Usage: python scripts/laps.py --data FOLDER [--threads 1], some two minutes; FOLDER holds drive/,
-other/ and ground_truth.csv. Recall is right matches of the known keyframes: those whose place is
-known (from SIFT matches, 8 or more, of a frame at most 8 away) and is in the part of the map that
-may be matched. Right is within 40 of the true place, wrong beyond 100, of 840 in a lap; all of
-other/ is wrong. Maps are also driven through by the frames that they are made of, where it says
-all of it.
+Usage: python scripts/laps.py --data FOLDER [--threads 1], about two minutes. FOLDER holds drive/,
+other/ and ground_truth.csv. Recall is the share of known keyframes with a right match. A keyframe
+is known if its true place (from at least 8 SIFT matches of a frame at most 8 away) is in the
+matchable part of the map. A match is right within 40 places of the true place and wrong beyond
+100; a lap has 840 places. All matches of other/ are wrong. The query `all of the drive` includes
+the map's frames.
 """
 
 from collections.abc import Iterable
@@ -23,14 +23,14 @@ from convseq_ros.sources.folder import ImageFolder
 from drives import head, options, PASSED_OVER, row
 
 LAP, RIGHT, WRONG = 840, 40, 100  # places
-MIN_MATCHES, REACH = 8, 8  # of a row of the truth, and how many frames away it holds
+MIN_MATCHES, REACH = 8, 8  # of a row of the truth, and its reach in frames
 FIRST_LAP, HALF = 1236, 2400  # the last frames of maps, by their names
 EXCLUSION_S = 10.0
 
 
 @dataclass(slots=True)
 class Counts:
-    """What came of the keyframes of a drive."""
+    """Counts of a drive's keyframes."""
 
     known: int = 0
     right: int = 0
@@ -38,51 +38,51 @@ class Counts:
     accepted: int = 0
 
     def __str__(self) -> str:
-        told = f'{self.right} of {self.known}' if self.known else ''
+        ratio = f'{self.right} of {self.known}' if self.known else ''
         share = f'{self.right / self.known:.3f}' if self.known else ''
-        return f'{told} | {share} | {self.wrong} | {self.accepted}'
+        return f'{ratio} | {share} | {self.wrong} | {self.accepted}'
 
 
 def number(frame: Frame) -> int:
-    """Return which frame of the source this is."""
+    """Return the frame's number in the source."""
     return int(Path(frame.source).stem)
 
 
 def read_truth(path: Path) -> dict[int, int]:
-    """Return places on the first lap by the numbers of frames."""
+    """Return the places on the first lap, by frame number."""
     with path.open(newline='') as rows:
         sure = [row for row in csv.DictReader(rows) if int(row['matches']) >= MIN_MATCHES]
     return {int(row['frame']): int(row['place']) for row in sure}
 
 
 def place(truth: dict[int, int], here: int) -> int | None:
-    """Return where a frame was taken, by its number, if that is known."""
-    near = min(truth, key=lambda known: abs(known - here))
+    """Return the place of a frame by its number; None if unknown."""
+    near = min(truth, key=lambda frame: abs(frame - here))
     return (truth[near] + here - near) % LAP if abs(here - near) <= REACH else None
 
 
 def off(one: int, other: int) -> int:
-    """Return how far apart two places are, the shorter way round."""
+    """Return the distance of two places, the shorter way round."""
     return abs((one - other + LAP // 2) % LAP - LAP // 2)
 
 
 def count(
-    mapped: list[Frame], asked: Iterable[Frame], where: dict[int, int | None], config: Config
+    mapped: list[Frame], queries: Iterable[Frame], where: dict[int, int | None], config: Config
 ) -> Counts:
-    """Recognise frames in a map of others, or in their own past; `where` is empty for nowhere."""
+    """Recognise frames in a map, or online; `where` is empty if no frame is in the map."""
     recognizer = PlaceRecognizer(build_map(mapped, None, config), config)
-    counts, own = Counts(), config.online.grows
-    for frame in asked:
+    counts, online = Counts(), config.online.grows
+    for frame in queries:
         match, here = recognizer.process(frame), where.get(frame.stamp_ns)
         if match.reason in (*PASSED_OVER, Reason.UNREADABLE) or (
-            own and number(frame) <= FIRST_LAP
+            online and number(frame) <= FIRST_LAP
         ):
             continue
-        until_ns = frame.stamp_ns - own * round(EXCLUSION_S * 1e9)
+        until_ns = frame.stamp_ns - online * round(EXCLUSION_S * 1e9)
         there = (
             where.get(one.stamp_ns)
             for one in recognizer.reference_map.places
-            if not own or one.stamp_ns <= until_ns
+            if not online or one.stamp_ns <= until_ns
         )
         known = here is not None and any(at is not None and off(at, here) <= RIGHT for at in there)
         counts.known += known
@@ -91,11 +91,11 @@ def count(
         counts.accepted += 1
         if not where:
             counts.wrong += 1
-        found = where.get(accepted.reference_stamp_ns)
-        if here is None or found is None:
+        matched = where.get(accepted.reference_stamp_ns)
+        if here is None or matched is None:
             continue
-        counts.wrong += off(here, found) > WRONG
-        counts.right += known and off(here, found) <= RIGHT
+        counts.wrong += off(here, matched) > WRONG
+        counts.right += known and off(here, matched) <= RIGHT
     return counts
 
 
@@ -110,14 +110,14 @@ def main() -> None:
     where = {frame.stamp_ns: place(truth, number(frame)) for frame in drive}
     lap, half = ([one for one in drive if number(one) <= last] for last in (FIRST_LAP, HALF))
     head('map', 'query', 'right of known', 'recall', 'wrong', 'accepted')
-    for name, mapped, query, asked, known, how in (
+    for name, mapped, query, queries, known, how in (
         ('first lap', lap, 'all of the drive', drive, where, config),
         ('first lap', lap, 'what follows', drive[len(lap) :], where, config),
         ('first lap', lap, f'other circuit, {len(other)} frames', other, {}, config),
         ('online', [], 'from the second lap on', drive, where, online),
         (f'up to {HALF}', half, 'what follows', drive[len(half) :], where, config),
     ):
-        row(name, query, count(mapped, asked, known, how))
+        row(name, query, count(mapped, queries, known, how))
 
 
 if __name__ == '__main__':

@@ -1,13 +1,13 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print how well maps are linked, and how far they grow.
+Print the quality of map links, and the growth of maps.
 
-Usage: python scripts/links.py --data FOLDER [--part laps town round], up to 30 minutes for all;
-FOLDER holds `laps`. `laps`: links of the map of a circuit that is driven in laps, and its recall,
-with the truth of laps.py. `town`: a drawn way passed in the evening, by day and at night, in one
-session and in three. `round`: a drawn round, driven 34 times in online mode. Of drawn ways, right
-is within 5 m of where the camera is.
+Usage: python scripts/links.py --data FOLDER [--part laps town round], up to 30 minutes for all.
+FOLDER holds `laps`. `laps`: links and recall of the map of a circuit that is driven in laps, with
+the truth of laps.py. `town`: a drawn route driven in the evening, by day and at night, in one
+session and in three. `round`: a drawn round, driven 34 times in online mode. On drawn routes, a
+link is right within 5 m of the camera's position.
 """
 
 from collections.abc import Callable, Iterator
@@ -28,16 +28,16 @@ import laps
 import numpy as np
 
 STEP_M = 2.0
-PASS_NS = 10**11 * 3  # from the start of one pass to that of the next
+PASS_NS = 10**11 * 3  # between the starts of two passes
 LIGHTS = ('day', 'evening', 'night', 'overcast')
 PASSES = ('evening', 'day', 'night')  # of the town
 ROUNDS = 34
-BEGINNING = 15  # keyframes of a round that do not count
+BEGINNING = 15  # keyframes of a round that are not counted
 HALF = 2996  # the last frame of the map of `laps`, by its name
 
 
 def ring(width_m: float, depth_m: float, town: int) -> Route:
-    """Return a way once round a block."""
+    """Return a route once round a block."""
     corners: tuple[Corner, ...] = (
         (10.0, 0.0), (width_m, 0.0), (width_m, depth_m), (0.0, depth_m), (0.0, 0.0), (10.0, 0.0),
     )  # fmt: skip
@@ -45,7 +45,7 @@ def ring(width_m: float, depth_m: float, town: int) -> Route:
 
 
 def driven(route: Route, number: int, light: str) -> Iterator[tuple[Frame, Pose]]:
-    """Yield the frames of a pass by its number, and where they were taken."""
+    """Yield the frames of a pass, with their true poses."""
     drawn = shots(
         route, num_frames=int((route.length_m - 1) / STEP_M), speed_mps=10 * STEP_M,
         start_m=0.13 * (number % 10), start_ns=number * PASS_NS, light=light, noise=3.0,
@@ -57,39 +57,39 @@ def driven(route: Route, number: int, light: str) -> Iterator[tuple[Frame, Pose]
 
 
 def of_laps(data: Path) -> None:
-    """Print links of one drive in laps, and what they do for later laps."""
+    """Print the links of a drive in laps, and the recall of later laps."""
     config = make_config({'exclusion_s': laps.EXCLUSION_S})
     drive = [*ImageFolder(data / 'laps' / 'drive')]
     truth = laps.read_truth(data / 'laps' / 'ground_truth.csv')
     where = {frame.stamp_ns: laps.place(truth, laps.number(frame)) for frame in drive}
     of = {frame.stamp_ns: laps.number(frame) for frame in drive}
-    made = build_map(drive, None, config)
-    links = {link.place: link for link in made.links.each()}
+    built = build_map(drive, None, config)
+    links = {link.place: link for link in built.links.each()}
     there = right = wrong = 0
-    for at, place in enumerate(made.places):
+    for at, place in enumerate(built.places):
         here = where[place.stamp_ns]
         if here is None or of[place.stamp_ns] <= laps.FIRST_LAP:
             continue
         until_ns = place.stamp_ns - round(laps.EXCLUSION_S * 1e9)
-        before = (where[one.stamp_ns] for one in made.places[:at] if one.stamp_ns <= until_ns)
+        before = (where[one.stamp_ns] for one in built.places[:at] if one.stamp_ns <= until_ns)
         known = any(one is not None and laps.off(one, here) <= laps.RIGHT for one in before)
         there += known
-        if at in links and (found := where[made.places[links[at].other].stamp_ns]) is not None:
-            right += known and laps.off(found, here) <= laps.RIGHT
-            wrong += laps.off(found, here) > laps.WRONG
+        if at in links and (linked := where[built.places[links[at].other].stamp_ns]) is not None:
+            right += known and laps.off(linked, here) <= laps.RIGHT
+            wrong += laps.off(linked, here) > laps.WRONG
     print(f'laps, links: {right} of {there}, {right / there:.3f}; {wrong} wrong')
     for name, last in (('one lap', laps.FIRST_LAP), (f'frames up to {HALF}', HALF)):
         mapped = [frame for frame in drive if laps.number(frame) <= last]
-        asked = [frame for frame in drive if laps.number(frame) > HALF]
-        counts = laps.count(mapped, asked, where, config)
-        told = f'{counts.right} of {counts.known}, {counts.right / counts.known:.3f}'
-        print(f'laps, map of {name}, the rest as query: {told}; {counts.wrong} wrong', flush=True)
+        queries = [frame for frame in drive if laps.number(frame) > HALF]
+        counts = laps.count(mapped, queries, where, config)
+        ratio = f'{counts.right} of {counts.known}, {counts.right / counts.known:.3f}'
+        print(f'laps, map of {name}, the rest as query: {ratio}; {counts.wrong} wrong', flush=True)
 
 
 def of_town(_data: Path) -> None:
-    """Print what is linked of three passes, in one session and in three."""
+    """Print the links of three passes, in one session and in three."""
     config, route = make_config({'exclusion_s': 30.0}), ring(150.0, 100.0, 5)
-    found = []
+    links_by_way = []
     for sessions in ((0, 1, 2),), ((0,), (1,), (2,)):
         true = dict[int, Pose]()
         with tempfile.TemporaryDirectory() as folder:
@@ -100,9 +100,9 @@ def of_town(_data: Path) -> None:
                         for frame, pose in driven(route, number, PASSES[number]):
                             true[frame.stamp_ns] = pose
                             builder.process(frame)
-            made = open_map(path)
-        stamps = [place.stamp_ns for place in made.places]
-        links = {stamps[link.place]: stamps[link.other] for link in made.links.each()}
+            reference_map = open_map(path)
+        stamps = [place.stamp_ns for place in reference_map.places]
+        links = {stamps[link.place]: stamps[link.other] for link in reference_map.links.each()}
         later = sum(stamp_ns >= PASS_NS for stamp_ns in stamps)
         right = sum(away_m(true[one], true[two]) <= RIGHT_M for one, two in links.items())
         print(
@@ -110,14 +110,14 @@ def of_town(_data: Path) -> None:
             f'{right / later:.3f}; {len(links) - right} wrong',
             flush=True,
         )
-        found.append(links)
-    both = found[0].keys() & found[1].keys()
-    alike = sum(found[0][one] == found[1][one] for one in both)
-    print(f'town, linked in both ways: {len(both)}, of which {alike} to the same keyframe')
+        links_by_way.append(links)
+    both = links_by_way[0].keys() & links_by_way[1].keys()
+    same = sum(links_by_way[0][one] == links_by_way[1][one] for one in both)
+    print(f'town, linked in both ways: {len(both)}, {same} of them to the same keyframe')
 
 
 def of_round(_data: Path) -> None:
-    """Print how a map grows that a robot drives the same round with again and again."""
+    """Print the growth of an online map over many drives of the same round."""
     config = make_config({'mode': 'online', 'exclusion_s': 6.0})
     route, true, first = ring(60.0, 40.0, 3), dict[int, Pose](), 0
     head('round', 'light', 'right of keyframes', 'false', 'added', 'left', 'times one round')
@@ -126,7 +126,7 @@ def of_round(_data: Path) -> None:
         for number in range(ROUNDS):
             some = np.random.default_rng(number).choice(LIGHTS)
             light = LIGHTS[number] if number < len(LIGHTS) else str(some)
-            session, found = Session(path, config), list[bool | None]()
+            session, verdicts = Session(path, config), list[bool | None]()
             for frame, pose in driven(route, number, light):
                 true[frame.stamp_ns] = pose
                 match = session.recognizer.process(frame)
@@ -134,13 +134,13 @@ def of_round(_data: Path) -> None:
                 if match.reason in PASSED_OVER:
                     continue
                 there = match.accepted and true[match.accepted.reference_stamp_ns]
-                found.append(away_m(there, pose) <= RIGHT_M if there else None)
+                verdicts.append(away_m(there, pose) <= RIGHT_M if there else None)
             session.close()
-            places, later = len(open_map(path)), found[BEGINNING:]
+            places, later = len(open_map(path)), verdicts[BEGINNING:]
             first = first or places
             right = f'{later.count(True)} of {len(later)}'
             grown = session.added, places, f'{places / first:.1f}'
-            row(number + 1, light, right, found.count(False), *grown)
+            row(number + 1, light, right, verdicts.count(False), *grown)
 
 
 PARTS: dict[str, Callable[[Path], None]] = {'laps': of_laps, 'town': of_town, 'round': of_round}

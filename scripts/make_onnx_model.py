@@ -1,12 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Write an ONNX model that needs no training, to try out and to test `descriptor_model`.
+Write an ONNX model without training, to try and to test `descriptor_model`.
 
 Usage: python scripts/make_onnx_model.py net.onnx [--kind hog|random] [--size 96] [--numbers 512].
-`hog` has histograms of gradient directions in 8 x 8 cells of a grey image, of unit length in each
-cell; `random` has random convolutions of a colour image, the means of which over 6 x 6 cells are
-projected at random. Both give vectors of so many numbers. Needs `pip install onnx`.
+`hog` computes histograms of gradient directions in 8 x 8 cells of a grey image, each of unit
+length. `random` computes random convolutions of a colour image, averages them over 6 x 6 cells and
+projects them at random. `--numbers` is the length of the vectors. Needs `pip install onnx`.
 """
 
 import argparse
@@ -18,7 +18,7 @@ import onnx
 from onnx import helper, numpy_helper, TensorProto
 
 DIRECTIONS, CELLS, SEED = 8, 8, 0
-OPSET, IR = 13, 8  # which onnxruntime reads since 1.10
+OPSET, IR = 13, 8  # supported by onnxruntime 1.10 and later
 
 
 def main() -> int:
@@ -29,13 +29,13 @@ def main() -> int:
     parser.add_argument('--size', type=int, default=96, help='side of its input, px (96)')
     parser.add_argument('--numbers', type=int, default=512, help='of its vector (512)')
     chosen = parser.parse_args()
-    made = make_model(chosen.kind, chosen.size, chosen.numbers)
-    chosen.output.write_bytes(made.SerializeToString())
+    model = make_model(chosen.kind, chosen.size, chosen.numbers)
+    chosen.output.write_bytes(model.SerializeToString())
     return 0
 
 
 def make_model(kind: str = 'hog', size: int = 96, numbers: int = 512) -> onnx.ModelProto:
-    """Return a model of a square input, with metadata that says how images become it."""
+    """Return a model with a square input, and with metadata for the preprocessing of images."""
     nodes, constants = {'hog': _hog, 'random': _random}[kind](size, numbers)
     channels = {'hog': 1, 'random': 3}[kind]
     shape = 'images', channels, size, size  # any number of images at once
@@ -46,16 +46,16 @@ def make_model(kind: str = 'hog', size: int = 96, numbers: int = 512) -> onnx.Mo
         [helper.make_tensor_value_info('descriptor', TensorProto.FLOAT, ('images', numbers))],
         [numpy_helper.from_array(value.astype(np.float32), name) for name, value in constants],
     )
-    made = helper.make_model(graph, opset_imports=[helper.make_opsetid('', OPSET)], ir_version=IR)
-    said = {'size': f'{size}x{size}', 'color': 'gray' if channels == 1 else 'rgb'}
-    said |= {'mean': '0.5', 'scale': '0.25'}
-    helper.set_model_props(made, said)
-    onnx.checker.check_model(made)
-    return made
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid('', OPSET)], ir_version=IR)
+    metadata = {'size': f'{size}x{size}', 'color': 'gray' if channels == 1 else 'rgb'}
+    metadata |= {'mean': '0.5', 'scale': '0.25'}
+    helper.set_model_props(model, metadata)
+    onnx.checker.check_model(model)
+    return model
 
 
 def _hog(size: int, numbers: int) -> tuple[list[onnx.NodeProto], list[tuple[str, np.ndarray]]]:
-    """Return how much of the gradient points in each direction, cell by cell, as one vector."""
+    """Return a network for the gradient strength per direction and cell, and its constants."""
     angles = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS
     across = np.array([[-1, 0, 1], [-2, 0, 2], [-1, 0, 1]]) / 8
     filters = np.cos(angles)[:, None, None] * across + np.sin(angles)[:, None, None] * across.T
@@ -81,7 +81,7 @@ def _hog(size: int, numbers: int) -> tuple[list[onnx.NodeProto], list[tuple[str,
 
 
 def _random(size: int, numbers: int) -> tuple[list[onnx.NodeProto], list[tuple[str, np.ndarray]]]:
-    """Return two layers of random convolutions, their means in cells, and a projection."""
+    """Return two layers of random convolutions with means per cell and a projection."""
     random = np.random.default_rng(SEED)
     cell = size // 4 // 6
     nodes = [
@@ -105,7 +105,7 @@ def _random(size: int, numbers: int) -> tuple[list[onnx.NodeProto], list[tuple[s
 
 
 def _projection(inputs: int, numbers: int) -> np.ndarray:
-    """Return a random projection (inputs, numbers); none if there are as many already."""
+    """Return a random projection (inputs, numbers); the identity if both are equal."""
     if inputs == numbers:
         return np.eye(numbers)
     return np.random.default_rng(SEED).normal(size=(inputs, numbers)) / numbers**0.5

@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Make convseq_ros/core/encoding/projection.npy anew from the frames of one indoor drive.
+Create convseq_ros/core/encoding/projection.npy from the frames of one indoor drive.
 
 Usage: python scripts/make_projection.py FOLDER [OUTPUT], with FOLDER the 84 pictures of RTAB-Map's
 loop-closure sequence (introlab/rtabmap, BSD-3-Clause). See projection.md beside the output.
@@ -19,12 +19,12 @@ import numpy as np
 import numpy.typing as npt
 
 NUMBERS = 32
-LINEAR = EncodingConfig(resize='linear')  # as the stored projection was fitted
+LINEAR = EncodingConfig(resize='linear')  # as for the stored projection
 REGULARISATION = 0.02
 
 
 def fit(folder: Path) -> npt.NDArray[np.float32]:
-    """Return the mean and, beside it, the scaled leading axes: float32 of shape (72, 33)."""
+    """Return the mean and the scaled leading axes as columns: float32 (72, 33)."""
     frames = [frame.gray for frame in open_source(folder)][::2]
     regions = np.concatenate(
         [

@@ -1,11 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print how much frames of a drawn street overlap, by how far apart they are and in which light.
+Print the overlap of frames of a drawn street, by distance and light.
 
-Usage: python scripts/overlap.py, some seconds. The overlap is what
-`keyframe_overlap` is compared with: the share of a frame's salient regions that moved together
-since an earlier frame. Medians over a street of 60 m.
+Usage: python scripts/overlap.py, a few seconds. The parameter `keyframe_overlap` is a limit for
+this overlap: the share of a frame's salient regions that moved together since an earlier frame.
+The figures are medians over a street of 60 m.
 """
 
 from convseq_ros.config import EncodingConfig
@@ -19,20 +19,20 @@ STREET, STEP_M = 903, 0.25
 APART = 1, 2, 5, 8, 12, 20  # frames
 DRIVES = {
     'by day': {'seed': 1810},
-    'evening, .7 m to the side': {'seed': 1811, 'light': 'evening', 'lane_offset_m': -0.8},
+    'evening, 0.7 m to the side': {'seed': 1811, 'light': 'evening', 'lane_offset_m': -0.8},
 }
 
 
 def main() -> None:
     """Measure and print."""
     overlap = Overlap(EncodingConfig().saliency_threshold)
-    head('metres on', *(f'{STEP_M * one:g}' for one in APART))
+    head('metres on', *(f'{STEP_M * steps:g}' for steps in APART))
     for name, how in DRIVES.items():
         drawn = shots(Street(61.0, STREET), num_frames=240, frame_rate_hz=10 / STEP_M, **how)
         shown = [describe(frame.gray) for _, frame in drawn]
-        pairs = [[(shown[at], shown[at + one]) for at in range(0, 200, 20)] for one in APART]
-        shares = [np.median([overlap(new, old) for old, new in some]) for some in pairs]
-        row(name, *(f'{one:.2f}' for one in shares))
+        pairs = [[(shown[at], shown[at + gap]) for at in range(0, 200, 20)] for gap in APART]
+        shares = [np.median([overlap(new, old) for old, new in samples]) for samples in pairs]
+        row(name, *(f'{share:.2f}' for share in shares))
 
 
 if __name__ == '__main__':

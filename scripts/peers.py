@@ -1,17 +1,17 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print the tables of docs/RESULTS.md: what we and what robots run today recognise.
+Print the tables of docs/RESULTS.md: the recall of this package and of common methods.
 
 Usage: python scripts/peers.py --data FOLDER [--sets corridor laps] [--methods convseq orb-bow],
-some 20 minutes of a core. In methods, DATA is the folder.
+about 20 minutes on one core. DATA in a method is replaced by the folder.
 
-By the open protocol: half of the map is removed in turn. Recall is right matches of all frames
-whose place is in the map. *Own*: by the method's own decision, with its false matches. *Best*: at
-the threshold that just keeps every false match of this very set out, by the criterion (and alpha)
-with the highest recall, so that every method is favoured. The second table has the threshold that
-does so on all sets together. ms are those of the processor for a frame. In laps a map of the first
-lap is driven on: 40 of 840 places off is right, and up to 100 is not counted.
+The protocol is open: half of the map is removed in turn. Recall is the share of right matches
+among the frames whose place is in the map. *Own* is the method's own decision, with its false
+matches. *Best* is at the lowest threshold without a false match on this set, by the criterion (and
+alpha) with the highest recall; this favours every method. The second table uses one threshold
+without false matches on all sets. ms are CPU time per frame. In laps the map is the first lap; a
+match within 40 of 840 places is right, and up to 100 is not counted.
 """
 
 import argparse
@@ -27,7 +27,7 @@ from convseq_ros.config import Config, make_config
 from convseq_ros.evaluation.data_set import DataSet, open_data_set, Part, TruthSource
 from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.methods import make_method, parse_method
-from convseq_ros.evaluation.protocols import ask, ONLINE, OPEN, Outcome
+from convseq_ros.evaluation.protocols import ONLINE, OPEN, Outcome, run_protocol
 from convseq_ros.evaluation.scorecard import first_closures, judge, Verdicts
 from convseq_ros.evaluation.truth import Truth
 from convseq_ros.sources.folder import pictures_in
@@ -59,16 +59,16 @@ ALPHAS = 0.3, 0.1, 0.2, 0.5  # DLoopDetector's own first
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a method did on a set, with one of its variants."""
+    """The results of a variant of a method on a set."""
 
     verdicts: Verdicts
     halves: Sequence[str]
     frame_ms: float
     place_bytes: float
 
-    def false(self, taken: npt.NDArray[np.bool_]) -> int:
-        """Return how many of the answers taken are false."""
-        return int((taken & self._wrong).sum())
+    def false(self, accepted: npt.NDArray[np.bool_]) -> int:
+        """Return the number of false answers among the accepted ones."""
+        return int((accepted & self._wrong).sum())
 
     def threshold(self, criterion: str) -> float:
         """Return the highest value of a false answer."""
@@ -79,33 +79,33 @@ class Run:
     def _wrong(self) -> npt.NDArray[np.bool_]:
         return ~self.verdicts.correct & ~self.verdicts.slip
 
-    def recall(self, taken: npt.NDArray[np.bool_]) -> float:
-        """Return the share of known frames that are taken and right."""
-        return float((taken & self.verdicts.correct).sum() / self.verdicts.known.sum())
+    def recall(self, accepted: npt.NDArray[np.bool_]) -> float:
+        """Return the share of known frames with a right accepted answer."""
+        return float((accepted & self.verdicts.correct).sum() / self.verdicts.known.sum())
 
-    def first(self, taken: npt.NDArray[np.bool_]) -> str:
-        """Return how long each run waits for a right match."""
-        waits = first_closures(replace(self.verdicts, accepted=taken), self.halves).values()
-        if all(one is None for one in waits):
+    def first(self, accepted: npt.NDArray[np.bool_]) -> str:
+        """Return the number of frames to the first right match, per half, as text."""
+        delays = first_closures(replace(self.verdicts, accepted=accepted), self.halves).values()
+        if all(delay is None for delay in delays):
             return 'none'
-        return ', '.join('none' if one is None else f'{one:.0f}' for one in waits)
+        return ', '.join('none' if delay is None else f'{delay:.0f}' for delay in delays)
 
 
 @contextmanager
 def laps_material(data: Path, config: Config) -> Iterator[Material]:
-    """Yield the first lap as a map, and what follows as a query; unknown places are neutral."""
+    """Yield the first lap as map and the later laps as query; unknown places are neutral."""
     truth = laps.read_truth(data / 'laps' / 'ground_truth.csv')
-    with tempfile.TemporaryDirectory() as made:
+    with tempfile.TemporaryDirectory() as root:
         parts, places = [], []
         for name, first, last in (('rest', laps.FIRST_LAP + 1, 10**6), ('lap', 0, laps.FIRST_LAP)):
-            folder = Path(made, name)
+            folder = Path(root, name)
             folder.mkdir()
-            every = pictures_in(data / 'laps' / 'drive')
-            own = [one for one in every if first <= int(one.stem) <= last]
-            for one in own:
-                (folder / one.name).symlink_to(one.resolve())
+            all_pictures = pictures_in(data / 'laps' / 'drive')
+            files = [path for path in all_pictures if first <= int(path.stem) <= last]
+            for path in files:
+                (folder / path.name).symlink_to(path.resolve())
             parts.append(Part(folder))
-            places.append(np.array([laps.place(truth, int(one.stem)) for one in own], float))
+            places.append(np.array([laps.place(truth, int(item.stem)) for item in files], float))
         data_set = DataSet('laps', parts[0], TruthSource('none'), parts[1])
         material = open_material(data_set, config.encoding)
         query, reference = places
@@ -115,26 +115,26 @@ def laps_material(data: Path, config: Config) -> Iterator[Material]:
 
 @dataclass(frozen=True, slots=True)
 class _Laps(Truth):
-    near: npt.NDArray[np.bool_] | None = None  # (Q, R), what is not surely wrong
+    near: npt.NDArray[np.bool_] | None = None  # (Q, R), not clearly wrong
 
     @property
     def slip(self) -> npt.NDArray[np.bool_]:
-        """What is neither right nor wrong."""
+        """Flags of the pairs that are neither right nor wrong."""
         return np.asarray(self.near & ~self.right)
 
 
 def runs(material: Material, text: str, config: Config) -> list[Run]:
-    """Return what a method does; of peers, with each alpha."""
+    """Return the runs of a method; a peer has one per alpha."""
     method = make_method(parse_method(text), config)
     protocol = ONLINE if material.data_set.online else OPEN
     if 'alpha' not in method.kind.options:
-        return [_run(ask(material, method, protocol))]
-    pairs, made = method.rows(material), []
+        return [_run(run_protocol(material, method, protocol))]
+    pairs, variants = method.rows(material), []
     for alpha in ALPHAS:
-        said = replace(pairs, detect=partial(pairs.detect, alpha=alpha))
-        kind = replace(method.kind, rows=lambda *_, said=said: said)
-        made.append(_run(ask(material, replace(method, kind=kind), protocol)))
-    return made
+        changed = replace(pairs, detect=partial(pairs.detect, alpha=alpha))
+        kind = replace(method.kind, rows=lambda *_, changed=changed: changed)
+        variants.append(_run(run_protocol(material, replace(method, kind=kind), protocol)))
+    return variants
 
 
 def _run(outcome: Outcome) -> Run:
@@ -144,8 +144,8 @@ def _run(outcome: Outcome) -> Run:
 
 
 def criteria(run: Run) -> list[str]:
-    """Return how sure a method can say to be."""
-    return [one for one, values in run.verdicts.values.items() if not np.isnan(values).all()]
+    """Return the criteria for which a run has values."""
+    return [name for name, values in run.verdicts.values.items() if not np.isnan(values).all()]
 
 
 def main() -> None:
@@ -155,25 +155,25 @@ def main() -> None:
     parser.add_argument('--sets', nargs='*', default=SETS)
     parser.add_argument('--methods', nargs='*', default=[*NAMES])
     chosen = parser.parse_args()
-    time.perf_counter = time.process_time  # what else the machine does takes no part
+    time.perf_counter = time.process_time  # so that other load does not count
     config = make_config({'threads': 1})
-    found: dict[str, list[list[Run]]] = {text: [] for text in chosen.methods}
+    results: dict[str, list[list[Run]]] = {text: [] for text in chosen.methods}
     head('set', 'method', 'own, %', 'best, %', 'frames to the first right match, at best',
          'ms a frame', 'kB a place')  # fmt: skip
     for name in chosen.sets:
         with _opened(name, chosen.data, config) as material:
             for text in chosen.methods:
-                some = runs(material, text.replace('DATA', str(chosen.data)), config)
-                found[text].append(some)
-                share, first = max(_options(some))
+                variants = runs(material, text.replace('DATA', str(chosen.data)), config)
+                results[text].append(variants)
+                share, first = max(_options(variants))
                 best = f'**{_percent(share)}**' if text == 'convseq' else _percent(share)
-                ms, kept_kb = some[0].frame_ms, some[0].place_bytes / 1e3
+                ms, kept_kb = variants[0].frame_ms, variants[0].place_bytes / 1e3
                 costs = f'{ms:.0f}' if ms >= 0.5 else '< 1', f'{kept_kb:.1f}'
                 shown = name if text == chosen.methods[0] else ''
-                row(shown, NAMES.get(text, text), _own(some[0]), best, first, *costs)
+                row(shown, NAMES.get(text, text), _own(variants[0]), best, first, *costs)
     print()
     head('method', *chosen.sets)
-    for text, by_set in found.items():
+    for text, by_set in results.items():
         one = max(_for_all(by_set), key=sum)
         row(NAMES.get(text, text), *map(_percent, one))
 
@@ -187,12 +187,12 @@ def _opened(name: str, data: Path, config: Config) -> Iterator[Material]:
         yield open_material(open_data_set(name, data), config.encoding)
 
 
-def _options(some: Sequence[Run]) -> Iterator[tuple[float, str]]:
-    """Yield recall, and how long each run waits, at each criterion's best threshold."""
-    for run in some:
+def _options(variants: Sequence[Run]) -> Iterator[tuple[float, str]]:
+    """Yield recall, and frames to the first right match, at each criterion's best threshold."""
+    for run in variants:
         for criterion in criteria(run):
-            taken = run.verdicts.taken(criterion, run.threshold(criterion))
-            yield run.recall(taken), run.first(taken)
+            accepted = run.verdicts.above(criterion, run.threshold(criterion))
+            yield run.recall(accepted), run.first(accepted)
 
 
 def _for_all(by_set: Sequence[Sequence[Run]]) -> Iterator[list[float]]:
@@ -200,7 +200,7 @@ def _for_all(by_set: Sequence[Sequence[Run]]) -> Iterator[list[float]]:
     for variant in zip(*by_set, strict=True):
         for criterion in criteria(variant[0]):
             threshold = max(run.threshold(criterion) for run in variant)
-            yield [run.recall(run.verdicts.taken(criterion, threshold)) for run in variant]
+            yield [run.recall(run.verdicts.above(criterion, threshold)) for run in variant]
 
 
 def _own(run: Run) -> str:

@@ -1,19 +1,19 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print how far off measured relative poses are, and how well their covariance says so.
+Print the errors of measured relative poses, and how well the covariance predicts them.
 
 Usage: python scripts/relative_pose.py [--streets 31 32 33] [--roads FOLDER ...]
        [--images-px 320] [--depth]
 
-Rows tell the pose from the place that lies nearest along the way, from those 2 m and 3 m before
-that, and what is shipped 2 m away: it is measured once more from the place that turns out to be
-nearest;
-`ms` are medians of the processor's time, on all cores.
-Streets are drawn: mapped by day, a place each metre; driven again in the evening, under clouds,
-and at night with noise, anywhere between the own lane and 2 m to the left, up to 3 degrees turned.
-Roads are folders of KITTI's odometry with images/, poses.txt and calib.txt: each image is asked
-about the one so many before it, and what came before that is the map; then darkened.
+Rows are for the pose from the nearest place along the way, and from the places 2 m and 3 m before.
+`2 m away, shipped` is the shipped method: it measures again from the place that is nearest to the
+first estimate.
+`ms` are medians of the CPU time, on all cores.
+Drawn streets are mapped by day, with a place per metre. They are driven again in the evening,
+under clouds, and at night with noise, up to 2 m to the left and turned by up to 3 degrees.
+Roads are folders of KITTI's odometry with images/, poses.txt and calib.txt. Each image is measured
+against an earlier one, with only earlier images in the map; then all again with darkened images.
 """
 
 from collections.abc import Iterator
@@ -40,23 +40,23 @@ import numpy as np
 QUERIES = {'evening': {'light': 'evening', 'noise': 5}, 'overcast': {'light': 'overcast'},
            'night': {'light': 'night', 'noise': 10}}  # fmt: skip
 SIZE = {'width_px': 640, 'height_px': 480}
-EXPECTED = 12.6  # .95 of a chi squared of six degrees of freedom
+EXPECTED = 12.6  # 95 % quantile of chi squared with six degrees of freedom
 Shown = list[tuple[Frame, Descriptor]]
 
 
 @dataclass(frozen=True, slots=True)
 class Error:
-    """What is wrong with one measured pose."""
+    """The errors of one measured pose."""
 
     position_m: float
     turn_deg: float
-    squared: float  # normalised error of all six numbers
-    same_m: float  # error of saying that the query is at its place
-    ms: float  # of the processor that it took
+    squared: float  # squared normalised error of all six components
+    same_m: float  # error of assuming the reference's own pose
+    ms: float  # CPU time
 
 
 class FromOnePlace(RelativePoses):
-    """Measures from the place asked for, with places up to a last one only."""
+    """Measures from the given place only, with no places after `last`."""
 
     last = 1 << 30
 
@@ -73,30 +73,30 @@ def main() -> None:
     chosen = options(__doc__, streets=[31, 32, 33], roads=[], images_px=0, depth=False)
     head('what', 'n', 'none', 'median m', '90 %', 'median deg', '90 %', 'squared', f'< {EXPECTED}',
          'same pose m', 'ms')  # fmt: skip
-    found: dict[str, list[Error | None]] = {}
+    errors_of: dict[str, list[Error | None]] = {}
     for seed in chosen.streets:
         for name, error in of_street(seed, chosen.images_px, chosen.depth):
-            found.setdefault(name, []).append(error)
-    for name, errors in found.items():
-        tell(name, errors)
+            errors_of.setdefault(name, []).append(error)
+    for name, errors in errors_of.items():
+        print_row(name, errors)
     for folder in chosen.roads:
         for name, errors in of_road(folder, chosen.images_px):
-            tell(f'{folder.name} {name}', errors)
+            print_row(f'{folder.name} {name}', errors)
 
 
-def tell(name: str, errors: list[Error | None]) -> None:
+def print_row(name: str, errors: list[Error | None]) -> None:
     """Print one row."""
-    known = [one for one in errors if one]
-    numbers = np.array([astuple(one) for one in known] or [(np.nan,) * 5])
+    measured = [error for error in errors if error]
+    numbers = np.array([astuple(error) for error in measured] or [(np.nan,) * 5])
     metres, degrees, squared, same_m, ms = numbers.T
-    told = [f'{part:.2f}' for one in (metres, degrees) for part in np.percentile(one, (50, 90))]
-    told += [f'{np.median(squared):.1f}', f'{np.mean(squared < EXPECTED):.2f}']
-    told += [f'{np.median(same_m):.2f}', f'{np.median(ms):.0f}']
-    row(name, len(errors), len(errors) - len(known), *told)
+    cells = [f'{part:.2f}' for all_ in (metres, degrees) for part in np.percentile(all_, (50, 90))]
+    cells += [f'{np.median(squared):.1f}', f'{np.mean(squared < EXPECTED):.2f}']
+    cells += [f'{np.median(same_m):.2f}', f'{np.median(ms):.0f}']
+    row(name, len(errors), len(errors) - len(measured), *cells)
 
 
 def of_street(seed: int, images_px: int, depth: bool) -> Iterator[tuple[str, Error | None]]:
-    """Yield what is wrong with poses on a drawn street, from three places each."""
+    """Yield the errors of poses on a drawn street, from three places each."""
     map_shown, queries = drawn(seed, depth)
     poses_of_map = [frame.pose for frame, _ in map_shown]
     if depth:
@@ -104,26 +104,26 @@ def of_street(seed: int, images_px: int, depth: bool) -> Iterator[tuple[str, Err
     reference_map = made(map_shown, images_px)
     for light, shown in queries.items():
         matcher = make_matcher(reference_map, Config())
-        one, best = (kind(reference_map, matcher) for kind in (FromOnePlace, RelativePoses))
-        for _, descriptor in shown:  # a drive is longer: by then its background is known
+        single, best = (kind(reference_map, matcher) for kind in (FromOnePlace, RelativePoses))
+        for _, descriptor in shown:  # warm up the background, as on a longer drive
             matcher.extract(descriptor)
         for frame, descriptor in shown:
             features = matcher.extract(descriptor)
             along_m = [pose.position[0] for pose in poses_of_map]
             nearest = int(np.argmin(np.abs(np.array(along_m) - frame.pose.position[0])))
             for name, index, poses in (
-                ('nearest', nearest, one),
-                ('2 m away', nearest - 2, one),
+                ('nearest', nearest, single),
+                ('2 m away', nearest - 2, single),
                 ('2 m away, shipped', nearest - 2, best),
-                ('3 m away', nearest - 3, one),
+                ('3 m away', nearest - 3, single),
             ):
-                found = Candidate(index, 0, 0, matcher.shift(features, index))
-                what_is_wrong = error(poses, features, frame, found, poses_of_map[index])
-                yield f'{light:9}{name}', what_is_wrong
+                candidate = Candidate(index, 0, 0, matcher.shift(features, index))
+                pose_error = error(poses, features, frame, candidate, poses_of_map[index])
+                yield f'{light:9}{name}', pose_error
 
 
 def of_road(folder: Path, images_px: int) -> Iterator[tuple[str, list[Error | None]]]:
-    """Yield what is wrong with poses on a road, so many frames from the reference."""
+    """Yield the errors of poses on a road, at 1, 2 and 4 frames from the reference."""
     shown, dark = road(folder)
     for name, queries in (('', shown), ('dark', dark)):
         matcher = make_matcher(reference_map := made(shown, images_px), Config())
@@ -133,42 +133,42 @@ def of_road(folder: Path, images_px: int) -> Iterator[tuple[str, list[Error | No
             errors = []
             for at in range(apart + 3, len(shown)):
                 poses.last = index = at - apart
-                found = Candidate(index, 0, 0, matcher.shift(extracted[at], index))
+                candidate = Candidate(index, 0, 0, matcher.shift(extracted[at], index))
                 place = reference_map.places[index]
-                errors.append(error(poses, extracted[at], queries[at][0], found, place.pose))
+                errors.append(error(poses, extracted[at], queries[at][0], candidate, place.pose))
             yield f'{name:5}{apart} frames', errors
 
 
-def error(poses, features, frame, found, place) -> Error | None:
-    """Return what is wrong with one pose; None if none in metres is measured."""
+def error(poses, features, frame, candidate, place) -> Error | None:
+    """Return the errors of one pose; None if no pose in metres is measured."""
     started = time.process_time()
-    told = poses.measure(features, frame, found)
+    pose = poses.measure(features, frame, candidate)
     ms = (time.process_time() - started) * 1e3
-    if told is None or told.position_m is None:
+    if pose is None or pose.position_m is None:
         return None
     truth = inverse(matrix(place)) @ matrix(frame.pose)
-    said = matrix(replace(place, position=told.position_m, orientation=told.orientation))
-    turned = said[:3, :3] @ truth[:3, :3].T
+    estimate = matrix(replace(place, position=pose.position_m, orientation=pose.orientation))
+    turned = estimate[:3, :3] @ truth[:3, :3].T
     turn = cv2.Rodrigues(turned)[0].ravel()
-    off = np.concatenate((said[:3, 3] - truth[:3, 3], turn))
-    squared = float(off @ np.linalg.solve(told.covariance, off))
+    off = np.concatenate((estimate[:3, 3] - truth[:3, 3], turn))
+    squared = float(off @ np.linalg.solve(pose.covariance, off))
     metres, same_m = float(np.linalg.norm(off[:3])), math.dist(truth[:3, 3], (0, 0, 0))
     return Error(metres, math.degrees(angle(turned)), squared, same_m, ms)
 
 
 def made(shown: Shown, images_px: int) -> ReferenceMap:
-    """Return a map of every frame, with images of a size or without."""
+    """Return a map of all frames, with images of a size or without images."""
     reference_map = ReferenceMap()
     for frame, descriptor in shown:
         reference_map.add_frame(frame, descriptor, 0, images_px)
     if images_px:
-        kept = [len(one.image) for one in reference_map.pictures(range(len(shown)), True)]
-        print(f'{np.mean(kept) / 1e3:.1f} kB an image', flush=True)
+        sizes = [len(item.image) for item in reference_map.pictures(range(len(shown)), True)]
+        print(f'{np.mean(sizes) / 1e3:.1f} kB an image', flush=True)
     return reference_map
 
 
 def drawn(seed: int, depth: bool = False) -> tuple[Shown, dict[str, Shown]]:
-    """Return a map's frames and those of some drives."""
+    """Return the frames of the map, and of the query drives."""
     street, rng = Street(120.0, seed), np.random.default_rng(seed)
     along = np.arange(0.0, 121.0, 12.0).tolist()
     queries = {}
@@ -185,17 +185,17 @@ def drawn(seed: int, depth: bool = False) -> tuple[Shown, dict[str, Shown]]:
 
 
 def road(folder: Path) -> tuple[Shown, Shown]:
-    """Return the frames of a road, and the same darkened."""
+    """Return the frames of a road, and the same frames darkened."""
     source = ImageFolder(folder / 'images')
     frames = list(source)
     pose_at = read_pose_file(folder / 'poses.txt', len(frames))
     camera = read_camera_file(folder / 'calib.txt', *frames[0].gray.shape)
     posed = [
-        replace(one, pose=pose_at(index, one.stamp_ns), camera=camera)
-        for index, one in enumerate(frames)
+        replace(frame, pose=pose_at(index, frame.stamp_ns), camera=camera)
+        for index, frame in enumerate(frames)
     ]
     rng = np.random.default_rng(1)
-    dark = [replace(one, gray=darkened(one.gray, rng)) for one in posed]
+    dark = [replace(frame, gray=darkened(frame.gray, rng)) for frame in posed]
     return described(posed), described(dark)
 
 
@@ -212,8 +212,8 @@ def darkened(gray, rng):
 
 
 def described(frames) -> Shown:
-    """Return frames and what they show."""
-    return [(one, describe(one.gray)) for one in frames]
+    """Return frames with their descriptors."""
+    return [(frame, describe(frame.gray)) for frame in frames]
 
 
 if __name__ == '__main__':

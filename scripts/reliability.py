@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print how often answers of each confidence are right, accepted or refused.
+Print how often answers of each confidence range are right, accepted or not.
 
-Usage: python scripts/reliability.py, some minutes. Nothing was fitted on these: CHECKS of
-drawn_drives.py, asked with two halves of the map and in another street.
+Usage: python scripts/reliability.py, a few minutes. The drives are CHECKS of drawn_drives.py,
+which were never used for fitting, with two halves of the map and with the map of another street.
 """
 
 from collections.abc import Iterator
@@ -21,14 +21,14 @@ from convseq_ros.evaluation.truth import Truth
 from drawn_drives import CHECKS, drawn, Pair
 import numpy as np
 
-LEAST = 50  # frames of a bin whose gap counts
-Answers = Iterator[tuple[float, bool]]  # confidence; right, or a slip
+LEAST = 50  # frames of a bin, below which its gap does not count
+Answers = Iterator[tuple[float, bool]]  # confidence, and whether right or a slip
 
 
-def answers(frames: list[Frame], made: ReferenceMap, right: np.ndarray, config) -> Answers:
-    """Yield what is known of each keyframe's answer."""
-    recognizer = PlaceRecognizer(made, config)
-    number = {place.stamp_ns: index for index, place in enumerate(made.places)}
+def answers(frames: list[Frame], mapped: ReferenceMap, right: np.ndarray, config) -> Answers:
+    """Yield confidence and correctness of each keyframe's answer."""
+    recognizer = PlaceRecognizer(mapped, config)
+    number = {place.stamp_ns: index for index, place in enumerate(mapped.places)}
     for index, frame in enumerate(frames):
         match = recognizer.process(frame)
         if match.reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY) or not match.best:
@@ -48,27 +48,27 @@ def of_drawn(pair: Pair) -> Answers:
     right |= Truth(right).slip
     config, halves = make_config({}), kept_halves(len(references))
     for first, last in (halves['first'], halves['middle']):
-        # What `build_map` leaves out is not counted, so rows go by stamps.
-        made = build_map(references[first:last])
+        # `build_map` leaves frames out, so rows are assigned by stamps.
+        mapped = build_map(references[first:last])
         index = {one.stamp_ns: place for place, one in enumerate(references)}
-        kept = [index[place.stamp_ns] for place in made.places]
-        yield from answers(frames, made, right[:, kept], config)
+        kept = [index[place.stamp_ns] for place in mapped.places]
+        yield from answers(frames, mapped, right[:, kept], config)
     elsewhere, _ = drawn(replace(pair, seed=pair.seed + 5000, is_terrace=False), False)
-    made = build_map(elsewhere)
-    yield from answers(frames, made, np.zeros((len(frames), len(made)), bool), config)
+    mapped = build_map(elsewhere)
+    yield from answers(frames, mapped, np.zeros((len(frames), len(mapped)), bool), config)
 
 
-def show(name: str, found: np.ndarray) -> None:
+def show(name: str, answers: np.ndarray) -> None:
     """Print a table."""
-    said, right = found[:, 0], found[:, 1] > 0
-    rows = reliability(said, right)
-    print(f'{name}, {len(found)} answers')
+    confidences, right = answers[:, 0], answers[:, 1] > 0
+    rows = reliability(confidences, right)
+    print(f'{name}, {len(answers)} answers')
     for row in rows:
         print('  {low:.2f} to {high:.2f}: {count} said {said:.3f} right {right:.3f}'.format(**row))
     gaps = [abs(row['said'] - row['right']) for row in rows if row['count'] >= LEAST]
-    sure = right[said >= EDGES[-2]]
+    sure = right[confidences >= EDGES[-2]]
     print(f'  largest gap of a bin with {LEAST}: {max(gaps, default=0.0):.3f}', end='; ')
-    print(f'of {len(sure)} that say {EDGES[-2]}, right {sure.mean():.4f}' if len(sure) else 'none')
+    print(f'{len(sure)} of at least {EDGES[-2]}, right {sure.mean():.4f}' if len(sure) else 'none')
 
 
 def main() -> None:

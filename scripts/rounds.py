@@ -1,11 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print what drives are recognised of their own past: three rounds of a town.
+Print the recall of a drive against its own past: three rounds of a town.
 
-Usage: python scripts/rounds.py [--towns 1 2] [--threads 1], two minutes a town.
-Drawn towns are driven round three times in one drive, up to .6 m to the side of one line, in
-online mode without odometry; right is within 5 m of where the camera is.
+Usage: python scripts/rounds.py [--towns 1 2] [--threads 1], two minutes per town.
+One drive goes round a drawn town three times, up to 0.6 m to the side of a line, in online mode
+without odometry. A match is right within 5 m of the camera's position.
 """
 
 from collections import Counter
@@ -22,7 +22,7 @@ ROUNDS = 3
 
 
 def rounds(seed: int, config: Config) -> list[Counter[str]]:
-    """Return what is recognised of a drive's own past, round by round."""
+    """Return the counts of a drive against its own past, round by round."""
     first, *corners = BLOCK
     route = Route((START, *corners, *BLOCK * (ROUNDS - 1), first, START), seed)
     line = lanes(route.length_m, -1.0, 0.6, np.random.default_rng(seed))
@@ -36,8 +36,8 @@ def rounds(seed: int, config: Config) -> list[Counter[str]]:
         count(
             recognizer,
             blind(part),
-            lambda frame, found: (
-                away_m(true[found.reference_stamp_ns], true[frame.stamp_ns]) <= RIGHT_M
+            lambda frame, match: (
+                away_m(true[match.reference_stamp_ns], true[frame.stamp_ns]) <= RIGHT_M
             ),
         )
         for part in parts

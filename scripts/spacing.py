@@ -1,12 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print how far off matches are where map and query lie apart by other distances.
+Print the errors of matches where map and query have different frame spacings.
 
-Usage: python scripts/spacing.py [--streets 901 902 908 910 911 912 913 914], some ten minutes.
-Drawn streets are mapped by day and driven again in the evening, in another lane (odd numbers, and
-not 909), or at night. 911 to 914 were looked at once, when all constants stood. A match is off if
-it is further away than the larger of both spacings.
+Usage: python scripts/spacing.py [--streets 901 902 908 910 911 912 913 914], about ten minutes.
+Drawn streets are mapped by day and driven again in the evening in another lane (odd numbers), or
+at night. 911 to 914 were used once, after all constants were fixed. A match is off if it is
+further away than the larger of both spacings.
 """
 
 from collections.abc import Sequence
@@ -26,11 +26,11 @@ SPACINGS_M = ((6, 0.5), (6, 1), (3, 0.5), (1, 1), (0.5, 3), (1, 6))  # map, quer
 
 
 def apart(drawn: Shots, spacing_m: float, first: int = 0) -> list[tuple[float, Frame]]:
-    """Return every so many frames, a tenth of a second apart."""
-    some: Sequence[tuple[float, Frame]] = drawn[first :: round(spacing_m / STEP_M)]
+    """Return the frames at a spacing, 0.1 s apart."""
+    chosen: Sequence[tuple[float, Frame]] = drawn[first :: round(spacing_m / STEP_M)]
     return [
         (at, replace(frame, stamp_ns=(index + 1) * 100_000_000, pose=None, camera=None))
-        for index, (at, frame) in enumerate(some)
+        for index, (at, frame) in enumerate(chosen)
     ]
 
 
@@ -54,10 +54,10 @@ def main() -> None:
                 keyframes += match.reason not in PASSED_OVER
                 if match.accepted:
                     off.append(abs(where[match.accepted.reference_stamp_ns] - at))
-            far = sum(one > max(spacing_m, query_m) for one in off)
+            far = sum(error_m > max(spacing_m, query_m) for error_m in off)
             median, most = (float(np.median(off)), max(off)) if off else (np.nan, np.nan)
-            told = f'{median:.2f}', f'{most:.1f}'
-            row(number, spacing_m, query_m, keyframes, len(off), far, *told)
+            errors = f'{median:.2f}', f'{most:.1f}'
+            row(number, spacing_m, query_m, keyframes, len(off), far, *errors)
 
 
 if __name__ == '__main__':

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Keypoints of an image, and how many of two images agree with one motion of the camera."""
+"""Keypoints of an image, and the inliers of two images for one camera motion."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 COUNT = 1000  # keypoints of an image at most, the strongest
-FEWEST = 12  # matches, and inliers of them, without which nothing is said; as DLoopDetector has it
-_REPROJECTION_PX, _SURENESS, _ITERATIONS = 2.0, 0.99, 500  # of RANSAC; as DLoopDetector has it
-_SMALLEST_PX = 32  # side of an image that ORB can look at
-_RATIO = 0.8  # of the nearest descriptor's distance to the second's, at most; Lowe 2004
+FEWEST = 12  # matches, and inliers, below which the result is 0; as in DLoopDetector
+_REPROJECTION_PX, _CONFIDENCE, _ITERATIONS = 2.0, 0.99, 500  # of RANSAC; as in DLoopDetector
+_SMALLEST_PX = 32  # smallest image side for ORB
+_RATIO = 0.8  # maximum of nearest to second nearest distance; Lowe 2004
 
 Rows = npt.NDArray[np.uint8] | npt.NDArray[np.float32]
 
@@ -23,11 +23,11 @@ class Keypoints:
     """Keypoints of one image."""
 
     points_px: npt.NDArray[np.float32]  # (n, 2), columns and rows
-    descriptors: Rows  # (n, 32), 256 bits of ORB; or (n, 128), RootSIFT's numbers, of unit length
+    descriptors: Rows  # (n, 32), 256 bits of ORB; or (n, 128), RootSIFT of unit length
 
     @property
     def size_bytes(self) -> int:
-        """What a map must keep to verify with them; of RootSIFT, a byte for each number."""
+        """Storage for verification; RootSIFT counts with 1 byte per number."""
         return self.points_px.nbytes + self.descriptors.size
 
 
@@ -51,32 +51,32 @@ def root_sift(gray: npt.NDArray[np.uint8]) -> Keypoints:
 
 
 def inliers(query: Keypoints, reference: Keypoints) -> int:
-    """Return how many keypoints agree with the best fundamental matrix; 0 for fewer than 12."""
+    """Return the number of inliers of the best fundamental matrix; 0 if fewer than 12."""
     if min(len(query.points_px), len(reference.points_px)) < FEWEST:
         return 0
     pairs = mutual_matches(query.descriptors, reference.descriptors)
     if len(pairs) < FEWEST:
         return 0
     first, second = query.points_px[pairs[:, 0]], reference.points_px[pairs[:, 1]]
-    ransac = cv2.FM_RANSAC, _REPROJECTION_PX, _SURENESS, _ITERATIONS
+    ransac = cv2.FM_RANSAC, _REPROJECTION_PX, _CONFIDENCE, _ITERATIONS
     _, kept = cv2.findFundamentalMat(first, second, *ransac)
     count = 0 if kept is None else int(np.count_nonzero(kept))
     return count if count >= FEWEST else 0
 
 
 def mutual_matches(query: Rows, reference: Rows) -> npt.NDArray[np.int64]:
-    """Return pairs of rows (m, 2), one of each, that are nearest to each other, and clearly so."""
+    """Return index pairs (m, 2) of mutual nearest neighbours that pass Lowe's ratio test."""
     norm = cv2.NORM_HAMMING if query.dtype == np.uint8 else cv2.NORM_L2
     matcher = cv2.BFMatcher(norm)
-    nearest = {one.queryIdx: one.trainIdx for one in matcher.match(reference, query)}
-    found = [
+    nearest = {pair.queryIdx: pair.trainIdx for pair in matcher.match(reference, query)}
+    pairs = [
         (best.queryIdx, best.trainIdx)
         for best, *others in matcher.knnMatch(query, reference, k=2)
         if nearest.get(best.trainIdx) == best.queryIdx
         and (not others or best.distance < _RATIO * others[0].distance)
     ]
-    return np.array(found, np.int64).reshape(-1, 2)
+    return np.array(pairs, np.int64).reshape(-1, 2)
 
 
 def _keypoints(points: Sequence[cv2.KeyPoint], rows: Rows) -> Keypoints:
-    return Keypoints(np.array([one.pt for one in points], np.float32).reshape(-1, 2), rows)
+    return Keypoints(np.array([point.pt for point in points], np.float32).reshape(-1, 2), rows)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""SeqSLAM (Milford and Wyeth, ICRA 2012), the sequence-based ancestor that needs no training."""
+"""SeqSLAM (Milford and Wyeth, ICRA 2012), sequence matching without training."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ def patch_normalized(gray: npt.NDArray[np.uint8]) -> Floats:
     """
     Return a small copy of a grey image whose patches have mean 0 and deviation 1, (2048,).
 
-    The widespread Python port keeps these values as unsigned bytes, where differences below zero
+    The widespread Python port keeps these values as unsigned bytes, where negative differences
     wrap round; here they are signed.
     """
     small = cv2.resize(gray, (_WIDTH_PX, _HEIGHT_PX), interpolation=cv2.INTER_AREA)
@@ -38,7 +38,7 @@ def differences(queries: Floats, references: Floats) -> Floats:
 
 
 def enhanced(difference: Floats, window: int = _CONTRAST_WINDOW) -> Floats:
-    """Return by how many deviations each difference (Q, R) is below those of its neighbours."""
+    """Return for each difference (Q, R) how many deviations it is below its neighbours' mean."""
     reach = window // 2
     count = difference.shape[1]
     index = np.arange(count)
@@ -62,8 +62,8 @@ def trajectory_scores(rows: Sequence[Floats | None]) -> npt.NDArray[np.float64]:
     """
     Return the mean similarity along the best straight line that ends at each reference, (R,).
 
-    `rows` are k similarities (R,), newest first; None counts as 0. Lines have .8 to 1.2 references
-    a frame; they end at the newest frame, as in the paper, and not in its middle as in its code.
+    `rows` are k similarities (R,), newest first; None counts as 0. Lines have 0.8 to 1.2
+    references per frame. They end at the newest frame, as in the paper; its code centres them.
     """
     count = next(len(row) for row in rows if row is not None)
     ages = np.arange(len(rows))

@@ -1,15 +1,15 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A tree of words of binary descriptors, and bags of them weighed by tf-idf, as in DBoW2."""
+"""A vocabulary tree of binary descriptors, and bags of words weighted by tf-idf, as in DBoW2."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-BRANCHES, LEVELS = 10, 4  # 10,000 words at most; ORB-SLAM's has 6 levels, for all the world
-_ROUNDS = 10  # of k-medians; few descriptors change sides later
-_MOST = 60_000  # descriptors that words are learnt of, drawn of all
+BRANCHES, LEVELS = 10, 4  # at most 10,000 words; ORB-SLAM's general vocabulary has 6 levels
+_ROUNDS = 10  # of k-medians; later, few descriptors change
+_MOST = 60_000  # descriptors for training, drawn at random
 _SEED = 0
 
 _ONES = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(axis=1, dtype=np.uint8)
@@ -20,12 +20,12 @@ Words = npt.NDArray[np.int64]
 
 
 def signs(descriptors: Bits) -> Signs:
-    """Return the bits of descriptors (n, b) as -1 and 1, (n, 8 b): products count equal ones."""
+    """Return the bits of descriptors (n, b) as -1 and 1, (n, 8 b)."""
     return np.unpackbits(descriptors, axis=1).astype(np.float32) * 2 - 1
 
 
 def medians(descriptors: Signs, count: int, rng: np.random.Generator) -> Signs:
-    """Return at most k centres (k, 256), bitwise medians of their own, begun as by k-means++."""
+    """Return at most `count` bitwise medians (k, 256), by k-medians started as in k-means++."""
     centres = descriptors[[rng.integers(len(descriptors))]]
     nearest = _distances(descriptors, centres)[:, 0]
     while len(centres) < count and nearest.any():
@@ -33,37 +33,37 @@ def medians(descriptors: Signs, count: int, rng: np.random.Generator) -> Signs:
         drawn = rng.choice(len(descriptors), p=chances / chances.sum())
         centres = np.append(centres, descriptors[[drawn]], axis=0)
         nearest = np.minimum(nearest, _distances(descriptors, centres[-1:])[:, 0])
-    own = np.full(len(descriptors), -1)
+    assigned = np.full(len(descriptors), -1)
     for _ in range(_ROUNDS):
-        before, own = own, _distances(descriptors, centres).argmin(axis=1)
-        if (own == before).all():
+        before, assigned = assigned, _distances(descriptors, centres).argmin(axis=1)
+        if (assigned == before).all():
             break
-        sums = [descriptors[own == one].sum(axis=0) for one in np.unique(own)]
+        sums = [descriptors[assigned == at].sum(axis=0) for at in np.unique(assigned)]
         centres = np.where(np.array(sums) >= 0, 1, -1).astype(np.float32)
-        own = np.unique(own, return_inverse=True)[1]
+        assigned = np.unique(assigned, return_inverse=True)[1]
     return centres
 
 
 def _distances(descriptors: Signs, centres: Signs) -> npt.NDArray[np.float32]:
-    """Return how many bits differ, (n, k)."""
+    """Return the Hamming distances, (n, k)."""
     return (descriptors.shape[1] - descriptors @ centres.T) / 2
 
 
 class Vocabulary:
-    """Words learnt from descriptors (n, 32) of images, and `idf` (W,), how rare each word is."""
+    """Words learnt from descriptors (n, 32) of images, with inverse document frequencies (W,)."""
 
     def __init__(
         self, images: Sequence[Bits], branches: int = BRANCHES, levels: int = LEVELS
     ) -> None:
         self._branches, self._random, self._words = branches, np.random.default_rng(_SEED), 0
-        # Of each fork of the tree, what its branches are like, and where they lead: to another
-        # fork, or, as -1 - w, to a word. Branches that a fork lacks are repeats of others.
+        # For each inner node of the tree, the centres of its branches, and their targets: a node,
+        # or a word w as -1 - w. A node with fewer branches repeats them.
         self._centres = np.zeros((0, branches, 32), np.uint8)
         self._leads = np.zeros((0, branches), np.int64)
         every = np.concatenate(images)
-        some = signs(every[self._random.permutation(len(every))[:_MOST]])
-        if len(some):
-            self._grow(some, levels)
+        sample = signs(every[self._random.permutation(len(every))[:_MOST]])
+        if len(sample):
+            self._grow(sample, levels)
         counts = np.zeros(self._words)
         for one in images:
             counts[np.unique(self.words(one))] += 1
@@ -73,36 +73,36 @@ class Vocabulary:
         return self._words
 
     def _grow(self, descriptors: Signs, levels: int) -> int:
-        """Add a fork and all behind it; return its number."""
+        """Add a node with its subtree; return its number."""
         centres = medians(descriptors, self._branches, self._random)
-        own = _distances(descriptors, centres).argmin(axis=1)
-        fork, every = len(self._leads), np.arange(self._branches) % len(centres)
+        assigned = _distances(descriptors, centres).argmin(axis=1)
+        node, every = len(self._leads), np.arange(self._branches) % len(centres)
         bits = np.packbits(centres > 0, axis=1)[every]
         self._centres = np.append(self._centres, bits[None], axis=0)
         self._leads = np.append(self._leads, every[None], axis=0)
         leads = []
         for number in range(len(centres)):
-            some = descriptors[own == number]
-            if levels > 1 and len(some) > self._branches:
-                leads.append(self._grow(some, levels - 1))
+            members = descriptors[assigned == number]
+            if levels > 1 and len(members) > self._branches:
+                leads.append(self._grow(members, levels - 1))
             else:
                 self._words += 1
                 leads.append(-self._words)
-        self._leads[fork] = np.array(leads)[every]
-        return fork
+        self._leads[node] = np.array(leads)[every]
+        return node
 
     def words(self, descriptors: Bits) -> Words:
-        """Return the word of each descriptor (n, 32), as the nearest branches lead to it: (n,)."""
+        """Return the word of each descriptor (n, 32), along the nearest branches: (n,)."""
         at = np.full(len(descriptors), 0 if self._words else -1, np.int64)
         while len(inside := np.flatnonzero(at >= 0)):
-            forks = at[inside]
-            differ = descriptors[inside, None] ^ self._centres[forks]
+            nodes = at[inside]
+            differ = descriptors[inside, None] ^ self._centres[nodes]
             nearest = _ONES[differ].sum(axis=2, dtype=np.int16).argmin(axis=1)
-            at[inside] = self._leads[forks, nearest]
+            at[inside] = self._leads[nodes, nearest]
         return -1 - at
 
     def bag(self, descriptors: Bits) -> npt.NDArray[np.float32]:
-        """Return the tf-idf of each word in an image, (W,), that sum up to 1; or all 0."""
+        """Return the tf-idf weights of an image's words, (W,), with sum 1, or all 0."""
         counts = np.bincount(self.words(descriptors), minlength=self._words)[: self._words]
         weights = counts * self.idf if len(descriptors) else np.zeros(self._words)
         return (weights / max(float(weights.sum()), 1e-12)).astype(np.float32)
@@ -111,6 +111,6 @@ class Vocabulary:
 def bag_scores(
     query: npt.NDArray[np.float32], references: npt.NDArray[np.float32]
 ) -> npt.NDArray[np.float32]:
-    """Return DBoW2's L1 score of a bag (W,) with others (R, W), in [0, 1]: (R,)."""
+    """Return DBoW2's L1 scores of a bag (W,) with others (R, W), in 0..1, (R,)."""
     there = np.flatnonzero(query)
     return np.asarray(np.minimum(query[there], references[:, there]).sum(axis=1), np.float32)

@@ -14,7 +14,7 @@ _BLOCK_CELLS = 2
 
 
 def whole_image_hog(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-    """Return scikit-image's HOG (34596,) of a grey image, 512 x 512, sized as in VPR-Bench."""
+    """Return scikit-image's HOG (34596,) of a grey image resized to 512 x 512, as in VPR-Bench."""
     try:
         from skimage.feature import hog
     except ImportError:

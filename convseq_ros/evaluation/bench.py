@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Methods on data sets: everything that `convseq evaluate` does, as one function."""
+"""Runs methods on data sets: everything that `convseq evaluate` does, as one function."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,9 +12,9 @@ from convseq_ros.evaluation import run_folder
 from convseq_ros.evaluation.data_set import DataSet
 from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.methods import make_method, Method, MethodName, parse_method
-from convseq_ros.evaluation.protocols import ask, CLOSED, ONLINE, OPEN, VERSION
+from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, run_protocol, VERSION
 from convseq_ros.evaluation.provenance import provenance
-from convseq_ros.evaluation.scorecard import judge, own_threshold, summarize, Summary
+from convseq_ros.evaluation.scorecard import judge, summarize, Summary, threshold_figures
 
 DEFAULT_METHODS = ('convseq', 'convseq-k10', 'cohog', 'seqslam', 'hog')
 PUBLISHED = 'published'
@@ -26,14 +26,14 @@ Report = Callable[[str], None]
 class Plan:
     """What to run."""
 
-    # As on the command line; `published` stands for a set's own score matrices.
+    # As on the command line; `published` stands for the score matrices that a set comes with.
     methods: tuple[str, ...] = DEFAULT_METHODS
-    # closed, open and past, for sets with a reference; past: each of its drives against its own
-    # past, forwards and backwards, where nothing is revisited.
+    # closed, open and past, for sets with a reference. `past` matches each drive against its own
+    # past, forwards and backwards; no place is revisited.
     protocols: tuple[str, ...] = (CLOSED,)
-    keep: float | None = None  # share of the map, from its start, that `open` keeps
-    criterion: str = 'score'  # what curves are drawn over: score, margin or confidence
-    export: Path | None = None  # folder for one JSON file a method and set
+    keep: float | None = None  # `open` keeps this share of the map, from its start
+    criterion: str = 'score'  # threshold of the curves: score, margin or confidence
+    export: Path | None = None  # folder for one JSON file per method and set
     argv: tuple[str, ...] = ()  # the command, for the record
 
 
@@ -44,21 +44,21 @@ def evaluate(
     output: Path,
     report: Report = lambda _: None,
 ) -> list[Summary]:
-    """Run every method on every set, write the run folder, and return the summaries in order."""
+    """Run every method on every set, write the run folder, and return the summaries."""
     names = [data_set.name for data_set in data_sets]
     for name in names:
         if names.count(name) > 1:
-            raise ConfigError(f'{name}: two data sets of this name; rename one')
+            raise ConfigError(f'{name}: two data sets have this name; rename one')
     summaries: list[Summary] = []
     for data_set in data_sets:
         protocols: tuple[str, ...] = plan.protocols
         if data_set.online:
             protocols = (ONLINE,)
         elif PAST in protocols:
-            for past in data_set.own_pasts:
-                summaries += _on_set(past, (ONLINE,), config, plan, output, report)
-        protocols = tuple(one for one in protocols if one != PAST)
-        summaries += _on_set(data_set, protocols, config, plan, output, report)
+            for past in data_set.past_data_sets:
+                summaries += _measure_set(past, (ONLINE,), config, plan, output, report)
+        protocols = tuple(protocol for protocol in protocols if protocol != PAST)
+        summaries += _measure_set(data_set, protocols, config, plan, output, report)
     run_folder.write_summary_table(output, summaries)
     if plan.export is not None:
         run_folder.write_exports(plan.export, summaries)
@@ -66,7 +66,7 @@ def evaluate(
 
 
 def method_names(texts: Sequence[str], data_set: DataSet) -> list[MethodName]:
-    """Return the methods for a set; ConfigError if one is unclear, or two have one label."""
+    """Return the methods for a set; ConfigError if a name is unclear or a label is repeated."""
     names = []
     for text in texts:
         if text == PUBLISHED:
@@ -78,11 +78,11 @@ def method_names(texts: Sequence[str], data_set: DataSet) -> list[MethodName]:
     labels = [name.label for name in names]
     for label in labels:
         if labels.count(label) > 1:
-            raise ConfigError(f'{label}: two methods of this label; write another one before =')
+            raise ConfigError(f'{label}: two methods have this label; write a label before =')
     return names
 
 
-def _on_set(
+def _measure_set(
     data_set: DataSet,
     protocols: Sequence[str],
     config: Config,
@@ -112,7 +112,7 @@ def _on_set(
 def _measure(
     material: Material, method: Method, protocol: str, folder: Path, plan: Plan
 ) -> Summary:
-    outcome = ask(material, method, protocol, plan.keep)
+    outcome = run_protocol(material, method, protocol, plan.keep)
     verdicts = judge(outcome)
     answerable = int((verdicts.matched & verdicts.known).sum())
     curve = verdicts.curve(plan.criterion, answerable)
@@ -133,7 +133,7 @@ def _measure(
         },
         **provenance(),
         'argv': list(plan.argv),
-        **own_threshold(verdicts, outcome.halves),
+        **threshold_figures(verdicts, outcome.halves),
     }
     run_folder.write_run(folder / method.name.label, outcome, verdicts, curve, summary)
     return summary
@@ -148,7 +148,7 @@ def _describe_set(
         if keep is not None:
             removed = f', first {keep:.0%} of the map kept'
     queries, references = material.truth.right.shape
-    about = {
+    description = {
         'name': folder.name,
         'title': data_set.title + removed,
         'protocol': protocol,
@@ -163,4 +163,4 @@ def _describe_set(
         'source': data_set.source,
         'base': data_set.name if protocol == OPEN else None,
     }
-    run_folder.write_json(folder / 'set.json', about)
+    run_folder.write_json(folder / 'set.json', description)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A data set: a query, a reference and a truth, named by a small YAML file."""
+"""A data set: a query, a reference and the ground truth, read from a small YAML file."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,7 @@ TRUTH_KINDS = ('identity', 'table', 'poses', 'none')
 
 @dataclass(frozen=True, slots=True)
 class SimulatedDrive(Drive):
-    """Images that are drawn when they are first read; the same every time."""
+    """Images that are drawn when they are first read, identical every time."""
 
     street: int = 0  # seed of the street, which is as long as the drive
 
@@ -35,7 +35,7 @@ class SimulatedDrive(Drive):
 
 @lru_cache(maxsize=2)
 def _drawn(drive: SimulatedDrive) -> tuple[Frame, ...]:
-    """Return all frames: a drive is read for each method, and drawing takes longer than that."""
+    """Return all frames; they are cached, because every method reads the drive again."""
     furthest_m = max(drive.start_m, drive.distance_m(drive.num_frames))
     street = Street(furthest_m + 1.0, drive.street)
     return tuple(shot.frame for shot in draw(street, drive))
@@ -43,18 +43,18 @@ def _drawn(drive: SimulatedDrive) -> tuple[Frame, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Where the images of a drive are."""
+    """The location of a drive's images."""
 
     path: Path = Path()  # folder, recording or video
-    topic: str = ''  # of a recording: its images
-    odom: str = ''  # of a recording: the poses that a truth of kind `poses` takes
-    count: int = 0  # images that must be there; 0 for any number
-    simulated: SimulatedDrive | None = None  # images that are drawn; there is no path then
-    backwards: bool = False  # the last image comes first, all at an even pace
+    topic: str = ''  # image topic of a recording
+    odom: str = ''  # odometry topic of a recording, for a truth of kind `poses`
+    count: int = 0  # required number of images; 0 for any number
+    simulated: SimulatedDrive | None = None  # drawn images, instead of a path
+    backwards: bool = False  # last image first, at a constant frame interval
 
     def __post_init__(self) -> None:
         if (self.path != Path()) == (self.simulated is not None):
-            raise ConfigError('has no path; add where its images are, or simulated')
+            raise ConfigError('has no path; add the path of its images, or simulated')
         if len(self.topic.split()) > 1:
             raise ConfigError(
                 f'topic: {self.topic!r} names several cameras, and a data set has one; make a set '
@@ -67,19 +67,19 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class TruthSource:
-    """Where the truth is, and how far off an answer may be."""
+    """The source of the ground truth, and its tolerance."""
 
-    kind: str = ''  # one of `TRUTH_KINDS`; `none` says that no place is seen twice
+    kind: str = ''  # one of `TRUTH_KINDS`; `none`: no place is seen twice
     path: Path | None = None
     tolerance: int = 0  # frames
     radius_m: float = 0.0  # for poses
-    first_index: int = 0  # the number that a table gives to the first image
+    first_index: int = 0  # number of the first image in a table
 
     def __post_init__(self) -> None:
         if self.kind not in TRUTH_KINDS:
             raise ConfigError(f'kind {self.kind!r} is not one of {", ".join(TRUTH_KINDS)}')
         if min(self.tolerance, self.radius_m, self.first_index) < 0:
-            raise ConfigError('tolerance, radius_m and first_index are not below 0')
+            raise ConfigError('tolerance, radius_m and first_index must not be negative')
         if self.kind == 'table' and self.path is None:
             raise ConfigError('table has no path; add its file')
         if self.kind == 'poses' and not self.radius_m:
@@ -88,17 +88,17 @@ class TruthSource:
 
 @dataclass(frozen=True, slots=True)
 class DataSet:
-    """What a YAML file says."""
+    """The content of a data set's YAML file."""
 
-    name: str  # in tables and folders
+    name: str  # for tables and folders
     query: Part
     truth: TruthSource
     reference: Part | None = None  # None: the query is matched against its own past
-    exclude_recent: int = 20  # latest frames that are no loop closure, against its own past
+    exclude_recent: int = 20  # online: latest frames that are not matched
     published: Mapping[str, Path] = field(default_factory=dict)  # scores (Q, R) of other methods
     title: str = ''
-    where: str = ''  # where the images belong, for people
-    source: str = ''  # where they come from
+    where: str = ''  # hint where to put the images
+    source: str = ''  # origin of the images
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r'[\w.-]+', self.name) or self.name.startswith('.'):
@@ -115,8 +115,8 @@ class DataSet:
         return self.reference is None
 
     @property
-    def own_pasts(self) -> 'list[DataSet]':
-        """Its drives, each against its own past, forwards and backwards: nothing is revisited."""
+    def past_data_sets(self) -> 'list[DataSet]':
+        """A data set per drive and direction, against its own past; no place is revisited."""
         drives = {'query': self.query, 'reference': self.reference}
         return [
             DataSet(
@@ -152,6 +152,6 @@ def open_data_set(
 
 
 def read_data_set(path: Path, base: Path, reading: ReadingConfig = ReadingConfig()) -> DataSet:
-    """Return what a YAML file says, its relative paths starting at `base`."""
+    """Return the data set of a YAML file; relative paths start at `base`."""
     content = {'name': path.stem, **read_yaml(path, reading)}
     return make_record(DataSet, {'title': content['name'], **content}, str(path), base)

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 Image = npt.NDArray[np.uint8]
-Regions = npt.NDArray[np.float64]  # (n, 5), as `QueryBuffer.field` gives them
+Regions = npt.NDArray[np.float64]  # (n, 5), from `QueryBuffer.field`
 _HEIGHT_PX = 240
 _CAPTION_PX = 24
-_WIDEST_PX = 4 * _HEIGHT_PX  # a wider image is squeezed, so that one of one row stays small
+_WIDEST_PX = 4 * _HEIGHT_PX  # a wider image is squeezed; limits an image of a single row
 _BLANK = np.full((_HEIGHT_PX, _HEIGHT_PX), 64, np.uint8)
 _GREEN, _GREY, _OUTLIER = (80, 220, 80), (200, 200, 200), (110, 110, 110)
 
@@ -21,8 +21,8 @@ def match_picture(frame: Frame, match: Match, thumbnail: bytes, field: Regions) 
     """
     Return the query (left) beside the thumbnail of its best reference, BGR (264, width, 3).
 
-    What cannot be shown is grey. Of the regions of a `field` (n, 5), as `QueryBuffer.field` gives
-    it, inliers are dots of one colour in both pictures, and others are grey.
+    A missing picture is grey. The regions of `field` (n, 5), from `QueryBuffer.field`, are dots:
+    an inlier has the same colour in both pictures, an outlier is grey.
     """
     sides = [_to_height(frame.gray), _to_height(decode_jpeg(thumbnail))]
     pictures = np.hstack(sides)[:, :, None].repeat(3, axis=2)
@@ -36,7 +36,7 @@ def match_picture(frame: Frame, match: Match, thumbnail: bytes, field: Regions) 
 
 
 def _draw_field(pictures: Image, middle_px: int, field: Regions) -> None:
-    """Draw the regions; the colour of inliers says where in the query they are."""
+    """Draw the regions; the hue of an inlier encodes its column in the query."""
     hues = np.full((1, len(field), 3), (0, 200, 255), np.uint8)
     hues[0, :, 0] = 150 * field[:, 1]
     colours = cv2.cvtColor(hues, cv2.COLOR_HSV2BGR)[0] if len(field) else hues[0]
@@ -44,8 +44,8 @@ def _draw_field(pictures: Image, middle_px: int, field: Regions) -> None:
     widths = middle_px, pictures.shape[1] - middle_px
     for (row, column, other_row, other_column, _), colour in zip(field, colours, strict=True):
         for x, y in ((column * widths[0], row), (middle_px + other_column * widths[1], other_row)):
-            where = round(x), round(y * _HEIGHT_PX)
-            cv2.circle(pictures, where, 2, colour.tolist(), -1, cv2.LINE_AA)
+            centre = round(x), round(y * _HEIGHT_PX)
+            cv2.circle(pictures, centre, 2, colour.tolist(), -1, cv2.LINE_AA)
 
 
 def _caption(match: Match) -> str:

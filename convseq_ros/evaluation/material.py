@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a data set gives to every method: images, encodings and the truth."""
+"""The input of every method: images, encodings and the ground truth of a data set."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -20,8 +20,8 @@ from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.data_set import DataSet, Part
 from convseq_ros.evaluation.truth import (
-    listed,
-    of_the_past,
+    from_pairs,
+    past_only,
     read_pairs,
     read_positions,
     same_index,
@@ -40,14 +40,14 @@ import numpy.typing as npt
 
 @dataclass(frozen=True)
 class Images:
-    """The images of a drive, which can be read again and again."""
+    """The images of a drive, which can be read repeatedly."""
 
-    part: Part  # where they are
-    reading: ReadingConfig = ReadingConfig()  # which images are too large
+    part: Part  # location
+    reading: ReadingConfig = ReadingConfig()  # size limits
 
     @cached_property
     def sha256(self) -> str:
-        """Of the list of images (see `content_digest`), or of what they are drawn by."""
+        """Digest of the images (see `content_digest`), or of the settings of drawn images."""
         if self.part.simulated:
             facts = json.dumps(asdict(self.part.simulated), sort_keys=True)
             return hashlib.sha256(facts.encode()).hexdigest()
@@ -58,7 +58,7 @@ class Images:
 
     @property
     def in_color(self) -> 'Images':
-        """The same, with colours."""
+        """The same images in colour."""
         return replace(self, reading=replace(self.reading, keeps_color=True))
 
     def __iter__(self) -> Iterator[Frame]:
@@ -67,23 +67,23 @@ class Images:
         if not part.backwards:
             yield from source
             return
-        whole = list(source)
-        first_ns, step_ns = whole[0].stamp_ns, 0
-        if len(whole) > 1:
-            step_ns = whole[1].stamp_ns - first_ns
-        for index, frame in enumerate(reversed(whole)):
+        frames = list(source)
+        first_ns, step_ns = frames[0].stamp_ns, 0
+        if len(frames) > 1:
+            step_ns = frames[1].stamp_ns - first_ns
+        for index, frame in enumerate(reversed(frames)):
             yield replace(frame, stamp_ns=first_ns + index * step_ns)
 
 
 @dataclass(frozen=True)
 class Drive:
-    """What was computed of the images of a drive; entry i belongs to frame i."""
+    """The descriptors of a drive's images; entry i belongs to frame i."""
 
     encoding: EncodingConfig
     stamps_ns: Sequence[int]
     names: Sequence[str]  # file name or topic
     readable: Sequence[bool]  # whether the image could be decoded
-    descriptors: Sequence[Descriptor]  # one that shows nothing if it could not
+    descriptors: Sequence[Descriptor]  # blank for an unreadable image
     encode_ms: float  # median time to describe an image
 
     def __len__(self) -> int:
@@ -91,28 +91,28 @@ class Drive:
 
     @cached_property
     def informative(self) -> npt.NDArray[np.bool_]:
-        """Which frames show anything, shape (N,)."""
-        return np.array([one.informative for one in self.descriptors], np.bool_)
+        """Flags of the informative frames, (N,)."""
+        return np.array([item.informative for item in self.descriptors], np.bool_)
 
     @property
     def described(self) -> Iterator[tuple[Frame, Descriptor | None]]:
-        """Frames without images, and their descriptors; None if the image was not readable."""
+        """Frames without images, with their descriptors; None for an unreadable image."""
         columns = self.stamps_ns, self.readable, self.descriptors
         for stamp_ns, readable, descriptor in zip(*columns, strict=True):
             yield Frame(stamp_ns, None), descriptor if readable else None
 
     @cached_property
     def reference_map(self) -> ReferenceMap:
-        """The drive as a map, without poses; frames that could not be read hold places."""
-        made = ReferenceMap(self.encoding, keyframes=EVERY_FRAME)
+        """The drive as a map without poses; unreadable frames become blank places."""
+        reference_map = ReferenceMap(self.encoding, keyframes=EVERY_FRAME)
         columns = self.stamps_ns, self.names, self.descriptors
-        for stamp_ns, name, one in zip(*columns, strict=True):
-            made.add_frame(Frame(stamp_ns, None, name), one)
-        return made
+        for stamp_ns, name, descriptor in zip(*columns, strict=True):
+            reference_map.add_frame(Frame(stamp_ns, None, name), descriptor)
+        return reference_map
 
 
 def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
-    """Describe every image of a drive, by the model of the encoding if it names one."""
+    """Return the described drive; uses the descriptor model of the encoding, if there is one."""
     model = open_model(Config(encoding=encoding, reading=images.reading))
     blank = blank_descriptor(encoding)
     if model:
@@ -140,7 +140,7 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
 def described(
     frames: Iterable[Frame], describe: Callable[[npt.NDArray[np.uint8]], Any]
 ) -> tuple[list[Any], float]:
-    """Return what describes each image, None of an unreadable one, and the median ms of one."""
+    """Return a descriptor per image, None if unreadable, and the median time in ms."""
     rows, durations_ms = [], []
     for frame in frames:
         started = time.perf_counter()
@@ -152,35 +152,35 @@ def described(
 
 def content_digest(path: Path) -> str:
     """
-    Return the SHA-256 of the list of images of a folder, or of the only file that there is.
+    Return the SHA-256 of the list of images in a folder, or of a single file.
 
-    The list has a line for each, in the order of the frames, as `sha256sum` prints it: the SHA-256
-    of its content, two spaces, its name. In a folder without images all files count.
+    The list has a line per file, in frame order, as `sha256sum` prints it: the SHA-256 of the
+    content, two spaces, the name. A folder without images is listed with all its files.
     """
-    found = [path] if path.is_file() else pictures_in(path)
-    files = found or sorted(item for item in path.iterdir() if item.is_file())
+    images = [path] if path.is_file() else pictures_in(path)
+    files = images or sorted(file_path for file_path in path.iterdir() if file_path.is_file())
     lines = hashlib.sha256()
-    for item in files:
-        with item.open('rb') as file:
+    for file_path in files:
+        with file_path.open('rb') as file:
             content = hashlib.file_digest(file, 'sha256').hexdigest()
-        lines.update(f'{content}  {item.name}\n'.encode())
+        lines.update(f'{content}  {file_path.name}\n'.encode())
     return lines.hexdigest()
 
 
 @dataclass(frozen=True)
 class Material:
-    """A data set, opened."""
+    """An opened data set."""
 
     data_set: DataSet
     query: Images
-    reference: Images  # the same for a drive against its own past
-    truth: Truth  # for a drive against its own past, those right answers that are past
+    reference: Images  # equals `query` for a drive against its own past
+    truth: Truth  # for a drive against its own past, without the recent frames
     _drives: dict[EncodingConfig, tuple[Drive, Drive]] = field(
         default_factory=dict, compare=False, repr=False
     )
 
     def drives(self, encoding: EncodingConfig) -> tuple[Drive, Drive]:
-        """Return query and reference, described."""
+        """Return the described query and reference."""
         if encoding not in self._drives:
             query = describe_drive(self.query, encoding)
             own_past = self.reference == self.query
@@ -192,11 +192,11 @@ class Material:
 def open_material(
     data_set: DataSet, encoding: EncodingConfig, reading: ReadingConfig = ReadingConfig()
 ) -> Material:
-    """Read the images and the truth of a set; SourceError if they do not fit together."""
+    """Return a set with images and truth read; SourceError if they do not fit together."""
     parts = data_set.query, data_set.reference or data_set.query
     images = [_images(part, data_set, reading) for part in parts]
-    nothing = Truth(np.zeros((0, 0), np.bool_))
-    material = Material(data_set, images[0], images[1], nothing)
+    no_truth = Truth(np.zeros((0, 0), np.bool_))
+    material = Material(data_set, images[0], images[1], no_truth)
     drives = material.drives(encoding)
     for part, drive in zip(parts, drives, strict=True):
         if part.count and part.count != len(drive):
@@ -206,11 +206,11 @@ def open_material(
             )
     truth = _truth(data_set, *drives, reading)
     if data_set.online:
-        truth = of_the_past(truth, data_set.exclude_recent)
+        truth = past_only(truth, data_set.exclude_recent)
     if not truth.known.any() and data_set.truth.kind != 'none':
         raise SourceError(
-            f'{data_set.name}: the truth gives no query a right reference; nothing could be '
-            'measured (for a drive without revisits, say truth: {kind: none})'
+            f'{data_set.name}: no query has a right reference in the truth; nothing could be '
+            'measured (for a drive without revisits, set truth: {kind: none})'
         )
     return replace(material, truth=truth, _drives={encoding: drives})
 
@@ -242,7 +242,7 @@ def _truth(data_set: DataSet, query: Drive, reference: Drive, reading: ReadingCo
     assert source.path is not None
     names = query.names, reference.names
     pairs = read_pairs(source.path, *names, source.first_index, reading)
-    return listed(pairs, shape, source.tolerance, str(source.path))
+    return from_pairs(pairs, shape, source.tolerance, str(source.path))
 
 
 def _positions(

@@ -17,7 +17,7 @@ from convseq_ros.errors import ConfigError, SourceError
 from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.material import described, Images, Material
-from convseq_ros.evaluation.recognition import Recognition, recognize, with_known
+from convseq_ros.evaluation.recognition import overridden, Recognition, recognize
 from convseq_ros.files import read_array
 from convseq_ros.onnx_model import OnnxModel
 from convseq_ros.parameter import refuse_retired, Value
@@ -53,33 +53,33 @@ _PATTERN = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class MethodName:
-    """A method as asked for: `[label=]kind[-kN][:argument][@sequence][+option=value]...`."""
+    """A method as requested: `[label=]kind[-kN][:argument][@sequence][+option=value]...`."""
 
-    label: str  # in tables and folders
-    kind: str  # row of the registry
+    label: str  # for tables and folders
+    kind: str  # key of `KINDS`
     argument: str = ''  # files of the method, as written
-    length: int | None = None  # k: 0 for as many as the frames ask for, None for its own
-    options: Mapping[str, str] = field(default_factory=dict)  # its own, and core parameters
+    length: int | None = None  # k: 0 for dynamic, None for the method's default
+    options: Mapping[str, str] = field(default_factory=dict)  # and core parameters
 
 
 def parse_method(text: str) -> MethodName:
-    """Return what `convseq-k10` or `net=scores:net.npy@dynamic` means; ConfigError if unclear."""
-    found = _PATTERN.fullmatch(text)
-    if not found:
+    """Parse a text like `convseq-k10` or `net=scores:net.npy@dynamic`; ConfigError if unclear."""
+    groups = _PATTERN.fullmatch(text)
+    if not groups:
         raise ConfigError(
             f'method {text!r}: expected [label=]kind[:file][@single|@dynamic|@kN][+option=value], '
-            'such as convseq, convseq-k10 or net=scores:net.npy@dynamic'
+            'for example convseq, convseq-k10 or net=scores:net.npy@dynamic'
         )
-    kind, argument, sequence = found['kind'], found['argument'] or '', found['sequence']
-    options = dict(part.split('=', 1) for part in found['options'].split('+')[1:])
-    length = int(found['length']) if found['length'] else None
+    kind, argument, sequence = groups['kind'], groups['argument'] or '', groups['sequence']
+    options = dict(part.split('=', 1) for part in groups['options'].split('+')[1:])
+    length = int(groups['length']) if groups['length'] else None
     if sequence:
         length = {'dynamic': 0, 'single': 1}.get(sequence)
         length = int(sequence[1:]) if length is None else length
-    label = found['label']
+    label = groups['label']
     if not label:
         name = PurePath(argument.split(',')[0]).stem if argument else kind
-        k = f'k{found["length"]}' if found['length'] else ''
+        k = f'k{groups["length"]}' if groups['length'] else ''
         parts = [name, k, sequence or '', *options.values()]
         label = re.sub(r'[^\w.-]+', '_', '-'.join(part for part in parts if part))
     return MethodName(label, kind, argument, length, options)
@@ -90,16 +90,16 @@ class Kind:
     """A row of the registry."""
 
     rows: Callable[[Material, MethodName, Config], PairScores]
-    length: int | None = 1  # k unless asked otherwise, as in `MethodName`
-    settings: Mapping[str, Value] = field(default_factory=dict)  # core parameters it needs
-    options: tuple[str, ...] = ()  # its own
-    argument: str = ''  # what stands after the colon; empty for nothing
-    recognizer: bool = False  # whether the online recogniser answers
+    length: int | None = 1  # default k, as in `MethodName`
+    settings: Mapping[str, Value] = field(default_factory=dict)  # required core parameters
+    options: tuple[str, ...] = ()  # options of the method
+    argument: str = ''  # text after the colon; empty if there is none
+    recognizer: bool = False  # whether the online recogniser decides
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A method as asked for, with the configuration that it runs with."""
+    """A requested method, with its configuration."""
 
     name: MethodName
     kind: Kind
@@ -108,19 +108,19 @@ class Method:
     def rows(self, material: Material) -> PairScores:
         return self.kind.rows(material, self.name, self.config)
 
-    def measured(self, material: Material, found: Recognition) -> PairScores:
-        """Return the recogniser's pair scores, and what they cost."""
+    def measured(self, material: Material, recognition: Recognition) -> PairScores:
+        """Return the recogniser's pair scores with their time and memory costs."""
         query, reference = material.drives(self.config.encoding)
-        row_ms = max(0.0, float(np.median(found.durations_ms)) - query.encode_ms)
-        made = reference.reference_map
-        place_bytes = made.global_descriptors[0].nbytes
+        row_ms = max(0.0, float(np.median(recognition.durations_ms)) - query.encode_ms)
+        reference_map = reference.reference_map
+        place_bytes = reference_map.global_descriptors[0].nbytes
         if self.config.matching.matching != 'descriptor':
-            place_bytes += made.packed(0).nbytes
-        return PairScores(found.rows, query.encode_ms, row_ms, place_bytes=place_bytes)
+            place_bytes += reference_map.packed(0).nbytes
+        return PairScores(recognition.rows, query.encode_ms, row_ms, place_bytes=place_bytes)
 
 
 def make_method(name: MethodName, config: Config) -> Method:
-    """Return the method of a name; ConfigError if there is none, or an option does not fit."""
+    """Return the method of a name; ConfigError if the method or an option does not exist."""
     if name.kind not in KINDS:
         raise ConfigError(f'method {name.kind!r} is not one of {", ".join(KINDS)}')
     kind = KINDS[name.kind]
@@ -144,16 +144,16 @@ def make_method(name: MethodName, config: Config) -> Method:
     if length is not None:
         values.setdefault('fixed_length', length)
     if values.get('fixed_length'):
-        # So many frames decide, by their margin; the belief would go by all frames so far.
+        # A fixed length decides by the margin of its frames; the belief would use all past frames.
         values.setdefault('acceptance_rule', 'margin')
-    return Method(name, kind, with_known(config, {**kind.settings, **values}))
+    return Method(name, kind, overridden(config, {**kind.settings, **values}))
 
 
 def _core(material: Material, name: MethodName, config: Config) -> PairScores:
-    """Return the recogniser's pair scores of all images, which no decision has left out."""
-    whole = with_known(config, {'search': 'exhaustive'})
-    method = Method(name, KINDS[name.kind], whole)
-    return method.measured(material, recognize(material, whole))
+    """Return the recogniser's pair scores of all pairs, from an exhaustive search."""
+    exhaustive = overridden(config, {'search': 'exhaustive'})
+    method = Method(name, KINDS[name.kind], exhaustive)
+    return method.measured(material, recognize(material, exhaustive))
 
 
 def _seqslam(material: Material, name: MethodName, _: Config) -> PairScores:
@@ -189,10 +189,10 @@ def read_scores(
     """Return the pair scores in a .npy file, (queries, references)."""
     scores = _numbers_in(path, reading)
     if scores.shape != (queries, references):
-        found = ' x '.join(map(str, scores.shape))
+        shape = ' x '.join(map(str, scores.shape))
         advice = '; transpose it' if scores.shape == (references, queries) else ''
         raise SourceError(
-            f'{path}: a matrix of {found} scores for {queries} queries and {references} '
+            f'{path}: a matrix of {shape} scores for {queries} queries and {references} '
             f'references; expected query by reference{advice}'
         )
     return scores
@@ -201,7 +201,7 @@ def read_scores(
 def read_descriptors(
     path: Path, count: int, reading: ReadingConfig = ReadingConfig()
 ) -> npt.NDArray[np.float32]:
-    """Return one descriptor for each image, (N, D); SourceError for other counts, or NaN."""
+    """Return one descriptor per image, (N, D); SourceError for another count, or NaN."""
     rows = _numbers_in(path, reading)
     if rows.ndim < 2 or len(rows) != count:
         raise SourceError(
@@ -254,7 +254,7 @@ def _given_descriptors(material: Material, name: MethodName, config: Config) -> 
 def _descriptors(
     material: Material, describe: Callable[[Gray], Vectors], wants_color: bool = False
 ) -> tuple[Vectors, Vectors, float]:
-    """Return query and reference descriptors and the median time of one."""
+    """Return query and reference descriptors, and the median time per query in ms."""
     images = material.query.in_color if wants_color else material.query
     query, encode_ms = _described(images, describe)
     if material.reference == material.query:
@@ -265,8 +265,8 @@ def _descriptors(
 
 def _described(images: Images, describe: Callable[[Gray], Vectors]) -> tuple[Vectors, float]:
     rows, median_ms = described(images, describe)
-    nothing = np.zeros_like(next(row for row in rows if row is not None))
-    return np.stack([nothing if row is None else row for row in rows]), median_ms
+    zeros = np.zeros_like(next(row for row in rows if row is not None))
+    return np.stack([zeros if row is None else row for row in rows]), median_ms
 
 
 def _by_cosine(query: Vectors, reference: Vectors, encode_ms: float | None = None) -> PairScores:
@@ -276,16 +276,16 @@ def _by_cosine(query: Vectors, reference: Vectors, encode_ms: float | None = Non
     return PairScores(scores, encode_ms, row_ms, place_bytes=reference[0].nbytes)
 
 
-_other = partial(Kind, settings={**_PUBLISHED, **_ANSWERS_ALWAYS})
+_baseline = partial(Kind, settings={**_PUBLISHED, **_ANSWERS_ALWAYS})
 
 KINDS: Mapping[str, Kind] = {
     'convseq': Kind(_core, None, recognizer=True),
     'cohog': Kind(_core, 1, {**_PUBLISHED, **_ANSWERS_ALWAYS}, recognizer=True),
-    'seqslam': _other(_seqslam, seqslam.LENGTH),
-    'hog': _other(_hog),
-    'orb-bow': _other(_peer, options=peers.OPTIONS),
-    'sift-vlad': _other(_peer, options=peers.OPTIONS),
-    'scores': _other(_given_scores, argument='FILE.npy', options=('lower_is_better',)),
-    'descriptors': _other(_given_descriptors, argument='QUERY.npy,REFERENCE.npy'),
-    'onnx': _other(_onnx, argument='MODEL.onnx', options=('size', 'mean', 'scale', 'color')),
+    'seqslam': _baseline(_seqslam, seqslam.LENGTH),
+    'hog': _baseline(_hog),
+    'orb-bow': _baseline(_peer, options=peers.OPTIONS),
+    'sift-vlad': _baseline(_peer, options=peers.OPTIONS),
+    'scores': _baseline(_given_scores, argument='FILE.npy', options=('lower_is_better',)),
+    'descriptors': _baseline(_given_descriptors, argument='QUERY.npy,REFERENCE.npy'),
+    'onnx': _baseline(_onnx, argument='MODEL.onnx', options=('size', 'mean', 'scale', 'color')),
 }

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 Flags = npt.NDArray[np.bool_]
 Values = npt.NDArray[np.float64]
-EDGES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)  # of ranges of confidences
+EDGES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)  # of the confidence ranges
 _RESAMPLES = 1000
 _SEED = 0
 _LEVEL = 0.95
@@ -19,83 +19,81 @@ _LEVEL = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Precision and recall when everything from a threshold up is taken, T points."""
+    """Precision and recall of the answers at or above each of T thresholds."""
 
     threshold: Values  # (T,), falling
     precision: Values  # (T,)
-    recall: Values  # (T,), rising; NaN if nothing is to be found
+    recall: Values  # (T,), rising; NaN without positives
 
 
-def share(part: int, whole: int) -> float | None:
-    """Return part / whole, or None of nothing."""
-    return part / whole if whole else None
+def share(part: int, total: int) -> float | None:
+    """Return part / total, or None if the total is 0."""
+    return part / total if total else None
 
 
 def precision_recall(correct: Flags, values: Values, positives: int | None = None) -> Curve:
     """
     Return the exact precision-recall curve.
 
-    `correct` (M,) says which answers are right, `values` (M,) how sure the method is; `positives`
-    counts the right answers that are to be found, by default those among the M.
+    `correct` (M,) flags the right answers, `values` (M,) are the values to threshold. `positives`
+    is the denominator of recall, by default the number of right answers.
     """
     order = np.argsort(-values, kind='stable')
     falling = values[order]
     last_of_tie = np.flatnonzero(np.append(falling[1:] != falling[:-1], len(falling) > 0))
     right = np.cumsum(correct[order])[last_of_tie]
-    whole = int(correct.sum()) if positives is None else positives
-    recall = right / whole if whole else np.full(len(right), np.nan)
+    total = int(correct.sum()) if positives is None else positives
+    recall = right / total if total else np.full(len(right), np.nan)
     return Curve(falling[last_of_tie], right / (last_of_tie + 1), recall)
 
 
 def average_precision(curve: Curve) -> float | None:
-    """Return the area under the curve as steps: mean precision over recall, AUC-PR."""
+    """Return the area under the stepped curve, AUC-PR; None without positives."""
     if not _has_recall(curve):
         return None
     return float(np.sum(np.diff(curve.recall, prepend=0.0) * curve.precision))
 
 
 def recall_at_full_precision(curve: Curve) -> float | None:
-    """Return the recall that the strictest thresholds reach before the first wrong answer."""
+    """Return the highest recall of a threshold without wrong answers; None without positives."""
     if not _has_recall(curve):
         return None
     return float(curve.recall[curve.precision == 1.0].max(initial=0.0))
 
 
 def highest_wrong(correct: Flags, values: Values) -> float:
-    """Return the value that only right answers exceed; -inf if no answer is wrong."""
+    """Return the highest value of a wrong answer; -inf if no answer is wrong."""
     return float(values[~correct].max(initial=-math.inf))
 
 
 def recall_at(scores: Values, right: Flags, counts: Sequence[int]) -> dict[int, float | None]:
     """
-    Return for which share of the queries a right reference is among so many of the best.
+    Return the share of queries with a right reference among the N best, for each N in `counts`.
 
-    Queries without a right one do not count. Wrong references that score as much as the best right
-    one come before it.
+    Queries without a right reference do not count. At equal scores, wrong references rank before
+    the right one.
     """
-    known = right.any(axis=1)
+    answerable = right.any(axis=1)
     best_right = np.where(right, scores, -np.inf).max(axis=1, initial=-np.inf)
-    before = (~right & (scores >= best_right[:, None])).sum(axis=1)
-    found = known & np.isfinite(best_right)
-    return {
-        count: share(int((found & (before < count)).sum()), int(known.sum())) for count in counts
-    }
+    rank = (~right & (scores >= best_right[:, None])).sum(axis=1)
+    has_score = answerable & np.isfinite(best_right)
+    return {n: share(int((has_score & (rank < n)).sum()), int(answerable.sum())) for n in counts}
 
 
-def reliability(said: Values, right: Flags) -> list[dict[str, float]]:
+def reliability(confidences: Values, right: Flags) -> list[dict[str, float]]:
     """
-    Return how often each range of confidences was right; empty ranges are left out.
+    Return how often each confidence range was right; empty ranges are left out.
 
-    A row has `low` and `high`, the range, high included in the last one only; `count`; `said`, the
-    mean confidence; and `right`, the share that showed the right place, slips included.
+    The range of a row is `low` to `high`; only the last range includes `high`. `said` is the mean
+    confidence of its `count` answers. `right` is the share of right answers, slips included.
     """
-    bins = np.clip(np.digitize(said, EDGES) - 1, 0, len(EDGES) - 2)
+    bins = np.clip(np.digitize(confidences, EDGES) - 1, 0, len(EDGES) - 2)
     return [
         {
             'low': EDGES[index],
             'high': EDGES[index + 1],
             'count': int((bins == index).sum()),
-            'said': float(said[bins == index].mean()),
+            'said': float(confidences[bins == index].mean()),
             'right': float(right[bins == index].mean()),
         }
         for index in range(len(EDGES) - 1)
@@ -111,8 +109,8 @@ def block_intervals(
     """
     Return 95 % confidence intervals by the circular block bootstrap (Politis and Romano 1992).
 
-    `figures` gives figures of the frames with some indices. Neighbouring frames are not
-    independent: blocks have sqrt(count) frames, or `block`. The same at every call.
+    `figures` computes named figures of the frames at given indices. Neighbouring frames are not
+    independent, so a block has sqrt(count) frames, or `block`. The result is reproducible.
     """
     if not count:
         return {}
@@ -120,11 +118,11 @@ def block_intervals(
     generator = np.random.default_rng(_SEED)
     starts = generator.integers(0, count, (_RESAMPLES, -(-count // block)))
     chosen = (starts[:, :, None] + np.arange(block)).reshape(_RESAMPLES, -1)[:, :count] % count
-    drawn = [figures(one) for one in chosen]
+    resampled = [figures(indices) for indices in chosen]
     tail = (1 - _LEVEL) / 2
     intervals = {}
-    for name in drawn[0]:
-        values = [one[name] for one in drawn if one[name] is not None]
+    for name in resampled[0]:
+        values = [sample[name] for sample in resampled if sample[name] is not None]
         if values:
             low, high = np.quantile(np.array(values, np.float64), (tail, 1 - tail))
             intervals[name] = (float(low), float(high))

@@ -25,17 +25,17 @@ import numpy.typing as npt
 
 Vector = npt.NDArray[np.float32]
 OPTIONS = 'alpha', 'vocabulary'
-_WORD_BYTES = 8  # of a bag, for each word that an image has: its number and its weight
+_WORD_BYTES = 8  # of a bag, per word of the image: its number and its weight
 
 
 @dataclass(frozen=True, slots=True)
 class _Peer:
-    """How images become vectors, and vectors scores."""
+    """How images become vectors, and vectors become scores."""
 
     extract: Extract
-    learn: Callable[[Sequence[Any]], Callable[[Any], Vector]]  # of some images, what describes one
-    scores: Callable[[Vector, Vector], Vector]  # of one with some
-    vector_bytes: Callable[[Vector], float]  # of all of a map, what is kept of one
+    learn: Callable[[Sequence[Any]], Callable[[Any], Vector]]  # returns a function
+    scores: Callable[[Vector, Vector], Vector]  # of a vector (D,) with others (R, D), (R,)
+    vector_bytes: Callable[[Vector], float]  # mean size of a map's vectors (R, D)
 
 
 _PEERS = {
@@ -48,7 +48,7 @@ _PEERS = {
     'sift-vlad': _Peer(
         local_features.root_sift,
         lambda images: partial(vlad.vlad, centres=vlad.learnt_centres(images)),
-        lambda one, rows: rows @ one,
+        lambda vector, rows: rows @ vector,
         lambda rows: rows[0].nbytes,
     ),
 }
@@ -57,21 +57,21 @@ _PEERS = {
 def peer_scores(
     material: Material, kind: str, alpha: float, vocabulary: str, reading: ReadingConfig
 ) -> PairScores:
-    """Return what DBoW2 with ORB, `orb-bow`, or `sift-vlad` says, decided as by DLoopDetector."""
+    """Return the scores of `orb-bow` (DBoW2) or `sift-vlad`, with DLoopDetector's decision."""
     peer = _PEERS[kind]
     query, extract_ms = _extracted(material.query, peer.extract)
     reference = query
     if not material.data_set.online:
         reference, _ = _extracted(material.reference, peer.extract)
-    learnt_of = reference
+    training = reference
     if vocabulary:
-        learnt_of, _ = _extracted(open_source(Path(vocabulary), '', reading), peer.extract)
-    describe = peer.learn([one.descriptors for one in learnt_of])
+        training, _ = _extracted(open_source(Path(vocabulary), '', reading), peer.extract)
+    describe = peer.learn([keypoints.descriptors for keypoints in training])
     started = time.perf_counter()
-    vectors = np.array([describe(one.descriptors) for one in query])
+    vectors = np.array([describe(keypoints.descriptors) for keypoints in query])
     encode_ms = extract_ms + (time.perf_counter() - started) * 1e3 / len(query)
-    known = np.array([describe(one.descriptors) for one in reference])
-    usual = [float(peer.scores(new, old[None])[0]) for old, new in pairwise(vectors)]
+    places = np.array([describe(keypoints.descriptors) for keypoints in reference])
+    previous = [0.0, *(float(peer.scores(new, old[None])[0]) for old, new in pairwise(vectors))]
 
     @cache
     def verify(frame: int, place: int) -> int:
@@ -80,34 +80,34 @@ def peer_scores(
     def decide(
         rows: npt.NDArray[np.float32], first: int = 0, alpha: float = alpha
     ) -> list[Detection]:
-        return detect(rows, [0.0, *usual], lambda frame, at: verify(frame, first + at), alpha)
+        return detect(rows, previous, lambda frame, at: verify(frame, first + at), alpha)
 
     started = time.perf_counter()
-    rows = np.array([peer.scores(one, known) for one in vectors])
+    rows = np.array([peer.scores(vector, places) for vector in vectors])
     decide(rows)
     row_ms = (time.perf_counter() - started) * 1e3 / len(query)
-    kept = np.mean([one.size_bytes for one in reference]) + peer.vector_bytes(known)
-    return PairScores(rows, encode_ms, row_ms, detect=decide, place_bytes=float(kept))
+    place_bytes = np.mean([item.size_bytes for item in reference]) + peer.vector_bytes(places)
+    return PairScores(rows, encode_ms, row_ms, detect=decide, place_bytes=float(place_bytes))
 
 
-def matches_of(found: Iterable[Detection], query: Drive, part: ReferenceMap) -> list[Match]:
-    """Return detections as answers; the score is the share of keypoints that agree."""
-    made = []
-    for index, (one, stamp_ns) in enumerate(zip(found, query.stamps_ns, strict=True)):
-        if one.reference is None:
-            made.append(Match(index, stamp_ns, Status.SKIPPED, Reason.WEAK))
+def matches_of(detections: Iterable[Detection], query: Drive, part: ReferenceMap) -> list[Match]:
+    """Return detections as matches; the score is the share of keypoints that are inliers."""
+    matches = []
+    for index, (detection, stamp_ns) in enumerate(zip(detections, query.stamps_ns, strict=True)):
+        if detection.reference is None:
+            matches.append(Match(index, stamp_ns, Status.SKIPPED, Reason.WEAK))
             continue
-        place, score = part.places[one.reference], one.inliers / local_features.COUNT
-        best = Candidate(one.reference, place.stamp_ns, score, inliers=one.inliers)
+        place, score = part.places[detection.reference], detection.inliers / local_features.COUNT
+        best = Candidate(detection.reference, place.stamp_ns, score, inliers=detection.inliers)
         status, reason = Status.REJECTED, Reason.WEAK
-        if one.inliers:
+        if detection.inliers:
             status, reason = Status.ACCEPTED, Reason.ACCEPTED
-        made.append(Match(index, stamp_ns, status, reason, (best,), 1))
-    return made
+        matches.append(Match(index, stamp_ns, status, reason, (best,), 1))
+    return matches
 
 
 def _extracted(frames: Iterable[Frame], extract: Extract) -> tuple[list[Keypoints], float]:
-    """Return the keypoints of each frame, none of an unreadable one, and the median time."""
-    found, median_ms = described(frames, extract)
-    nothing = extract(np.zeros((1, 1), np.uint8))
-    return [nothing if one is None else one for one in found], median_ms
+    """Return the keypoints per frame, empty if unreadable, and the median time in ms."""
+    keypoints, median_ms = described(frames, extract)
+    empty = extract(np.zeros((1, 1), np.uint8))
+    return [empty if item is None else item for item in keypoints], median_ms

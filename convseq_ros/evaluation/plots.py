@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures by matplotlib, which is imported only when one is drawn, and the picture of the demo."""
+"""Figures by matplotlib, which is imported only to draw one, and the picture of the demo."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,16 +17,16 @@ Scores: TypeAlias = npt.NDArray[np.float32]  # (Q, R), NaN where nothing was sco
 Numbers: TypeAlias = npt.NDArray[np.int_]
 Pair: TypeAlias = tuple[Image, Image, str, str, bool]
 _DATES = {'svg': 'Date', 'pdf': 'CreationDate'}
-NIGHT = ('#0b1622', '#123350', '#1f5f8b', '#5fa3cf', '#dcecf8')  # low scores to high
+NIGHT = ('#0b1622', '#123350', '#1f5f8b', '#5fa3cf', '#dcecf8')  # from low to high scores
 UNSCORED = '#4c4c4c'
 EDGE = '#0f1720'
 _PALE, _DIM = '#e8eef4', '#9fb0c0'
 VERDICT_COLORS = {'right': '#4ade80', 'wrong': '#ff6b6b', 'rejected': '#f5bd4f'}
 MOST_PAIRS = 4
-TOLERANCE = 2  # references by which a match of the demo may be off
+TOLERANCE = 2  # of a match of the demo, in references
 MOST_CELLS = 320
 MOST_DOTS = 1500
-DENSE = 500  # from here on dots have no edge, which would hide their neighbours
+DENSE = 500  # from this count on, dots have no edge, which would hide other dots
 _NUM_SHADES = 64
 
 
@@ -43,13 +43,13 @@ def new_figure(width: float, height: float, face: str = 'white') -> Any:
 
 
 def take_texts_literally(figure: Any) -> None:
-    """Draw a dollar sign in a name as one; matplotlib would take two for a formula."""
+    """Draw dollar signs as they are; matplotlib would parse the text between two as a formula."""
     for text in figure.findobj(lambda artist: hasattr(artist, 'set_parse_math')):
         text.set_parse_math(False)
 
 
 def save(figure: Any, *paths: Path, **options: Any) -> None:
-    """Write a figure as what each name ends with: png, svg or pdf, the same each time."""
+    """Write a figure as png, svg or pdf, by the suffix of each path; bytes are reproducible."""
     from matplotlib import rc_context
 
     take_texts_literally(figure)
@@ -62,13 +62,13 @@ def save(figure: Any, *paths: Path, **options: Any) -> None:
 
 
 def show_scores(axes: Any, scores: Scores) -> None:
-    """Draw scores (Q, R), brighter is more similar, gray is NaN; a block shows its highest."""
+    """Draw scores (Q, R): brighter is more similar, gray is NaN; blocks show their maximum."""
     from matplotlib.colors import LinearSegmentedColormap
 
     num_queries, num_references = scores.shape
     small = reduced(scores)
-    known = small[np.isfinite(small)]
-    low, high = np.percentile(known, (1, 99.8)) if known.size else (0.0, 1.0)
+    finite = small[np.isfinite(small)]
+    low, high = np.percentile(finite, (1, 99.8)) if finite.size else (0.0, 1.0)
     shades = LinearSegmentedColormap.from_list('night', NIGHT, _NUM_SHADES)
     axes.imshow(
         np.ma.masked_invalid(small),
@@ -79,7 +79,7 @@ def show_scores(axes: Any, scores: Scores) -> None:
         aspect='auto',
         interpolation='none',
     )
-    if known.size < small.size:
+    if finite.size < small.size:
         axes.plot([], [], 's', color=UNSCORED, label='not scored')
 
 
@@ -88,27 +88,27 @@ def show_truth(axes: Any, truth: npt.NDArray[np.bool_]) -> None:
     small = reduced(truth.astype(np.float32))
     if small.any() and not small.all() and min(small.shape) > 1:
         rows, columns = (
-            (np.arange(few) + 0.5) * all_ / few - 0.5
-            for few, all_ in zip(small.shape, truth.shape, strict=True)
+            (np.arange(count) + 0.5) * total / count - 0.5
+            for count, total in zip(small.shape, truth.shape, strict=True)
         )
         axes.contour(columns, rows, small, levels=[0.5], colors='white', linewidths=0.8)
         axes.plot([], [], color='white', label='white: edge of the truth')
 
 
 def show_matches(axes: Any, matches: Numbers, verdicts: npt.NDArray[np.str_], size: float) -> None:
-    """Draw a dot, `size` points wide, for each match (N, 2), or every n-th of very many."""
+    """Draw a dot per match (N, 2), `size` points wide; above MOST_DOTS, only every n-th."""
     step = max(1, -(-len(matches) // MOST_DOTS))
     edge = {'markeredgecolor': EDGE, 'markeredgewidth': 0.6 * (len(matches) < DENSE)}
     for verdict in reversed(VERDICT_COLORS):
         queries, references = matches[verdicts == verdict].T
         if len(queries):
-            look = {'color': VERDICT_COLORS[verdict], 'markersize': size, **edge}
+            style = {'color': VERDICT_COLORS[verdict], 'markersize': size, **edge}
             label = f'{len(queries)} {verdict}'
-            axes.plot(references[::step], queries[::step], 'o', label=label, **look)
+            axes.plot(references[::step], queries[::step], 'o', label=label, **style)
 
 
 def reduced(values: Scores) -> Scores:
-    """Return the highest value of each block, so that neither side is longer than MOST_CELLS."""
+    """Return the maximum of each block, so that neither side is longer than MOST_CELLS."""
     for axis in (0, 1):
         block = -(-values.shape[axis] // MOST_CELLS)
         if block > 1:
@@ -118,13 +118,13 @@ def reduced(values: Scores) -> Scores:
 
 
 def demo_picture(
-    path: Path, pairs: Sequence[Pair], scores: Scores, truth: Numbers, found: Numbers, title: str
+    path: Path, pairs: Sequence[Pair], scores: Scores, truth: Numbers, matched: Numbers, title: str
 ) -> None:
     """
-    Draw one PNG, 1600 x 900: matched pairs beside the matrix of scores they were found in.
+    Draw a PNG, 1600 x 900: matched pairs beside the score matrix.
 
-    Pairs are two images, BGR or gray, their captions, and whether the match is right. `truth` and
-    `found` (Q,) are the right and the accepted reference, -1 for none.
+    A pair is two images, BGR or gray, their captions, and whether the match is right. `truth` and
+    `matched` (Q,) are the right and the accepted references, -1 for none.
     """
     figure = new_figure(16, 9, EDGE)
     heading = figure.text(0.03, 0.945, title, color=_PALE, weight='bold', size=22, va='center')
@@ -144,9 +144,9 @@ def demo_picture(
     show_scores(axes, scores)
     line = np.where(truth >= 0, truth, np.nan)
     axes.plot(line, np.arange(len(truth)), color='white', linewidth=1.2, label='truth')
-    queries = np.flatnonzero(found >= 0)
-    matches = np.stack((queries, found[queries]), 1)
-    close = (truth[queries] >= 0) & (abs(found[queries] - truth[queries]) <= TOLERANCE)
+    queries = np.flatnonzero(matched >= 0)
+    matches = np.stack((queries, matched[queries]), 1)
+    close = (truth[queries] >= 0) & (abs(matched[queries] - truth[queries]) <= TOLERANCE)
     show_matches(axes, matches, np.where(close, 'right', 'wrong'), size=4.5)
     axes.set_xlabel('reference', color=_PALE, fontsize=14)
     axes.set_ylabel('query', color=_PALE, fontsize=14)

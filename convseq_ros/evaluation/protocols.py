@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Three ways to ask: closed, open set, online.
+The three protocols: closed, open and online.
 
 Closed: every query has an answer. Open: a part of the map is removed, so that for some queries
-"not in the map" is right. Online: a drive against its own past.
+"not in the map" is right. Online: a drive is matched against its own past.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 from convseq_ros.core.types import Match
 from convseq_ros.evaluation.given_scores import (
-    answers_to,
     PairScores,
     rank_references,
+    recognize_given,
     SequenceScores,
 )
 from convseq_ros.evaluation.material import Drive, Material
@@ -32,43 +32,43 @@ import numpy as np
 import numpy.typing as npt
 
 CLOSED, OPEN, ONLINE = 'closed', 'open', 'online'
-VERSION = 1  # of what figures mean; one more with every change that makes them differ
+VERSION = 1  # of the figures' meaning; every change to it adds 1
 Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a method answered, frame by frame; M is Q, or three times Q with halves of the map."""
+    """The answers of a method, frame by frame; M is Q, or 3 Q with halves of the map."""
 
     protocol: str
-    matches: list[Match]  # M; references are numbered as those of the whole map
+    matches: list[Match]  # M; references are numbered as in the full map
     sequence_scores: SequenceScores  # (M, R)
-    right: Flags  # (M, R), which references are right
-    slip: Flags  # (M, R), which are the right place but a little off
-    halves: list[str]  # M; which part of the map was kept, empty with the whole map
+    right: Flags  # (M, R), the right references
+    slip: Flags  # (M, R), references just outside the tolerance
+    halves: list[str]  # M; name of the kept part of the map, empty for the full map
     query: Drive
     pairs: PairScores  # of single frames
-    frame_ms: float | None  # median time of a frame, if it was measured
-    durations_ms: Sequence[float]  # the same of every frame, with the whole map; or none
+    frame_ms: float | None  # median time of a frame, if measured
+    durations_ms: Sequence[float]  # time of every frame with the full map, or empty
 
 
-def ask(
+def run_protocol(
     material: Material, method: Method, protocol: str = CLOSED, keep: float | None = None
 ) -> Outcome:
     """
-    Return the answers of a method, by one of the three protocols.
+    Return the answers of a method under one of the three protocols.
 
-    Open keeps the first, the last and the middle half of the map in turn, or only the first share
-    `keep`; the scores beside the answers are of the whole map, searched exhaustively.
+    `open` keeps the first, the last and the middle half of the map in turn, or only the first
+    share `keep`. The pair scores in the outcome are of the full map, from an exhaustive search.
     """
     query, reference = material.drives(method.config.encoding)
     spans: Mapping[str, Span] = {'': (0, len(reference))}
     if protocol == OPEN:
         spans = kept_halves(len(reference), keep)
     if method.kind.recognizer and protocol != OPEN:
-        found = recognize(material, method.config)
-        pairs = method.measured(material, found)
-        answers = [_ranked(material, method, found, found.rows, spans[''])]
+        recognition = recognize(material, method.config)
+        pairs = method.measured(material, recognition)
+        answers = [_ranked(material, method, recognition, recognition.rows, spans[''])]
     else:
         pairs = method.rows(material)
         rows = pairs.scores
@@ -82,8 +82,8 @@ def ask(
         rights.append(kept)
     return Outcome(
         protocol,
-        [match for one in answers for match in one.matches],
-        np.concatenate([one.rows for one in answers]),
+        [match for answer in answers for match in answer.matches],
+        np.concatenate([answer.rows for answer in answers]),
         np.concatenate(rights),
         np.concatenate([material.truth.slip] * len(spans)),
         [half for half in spans for _ in range(len(query))],
@@ -95,7 +95,7 @@ def ask(
 
 
 def kept_halves(count: int, keep: float | None = None) -> Mapping[str, Span]:
-    """Return the spans of the references that are kept; with `keep`, the first share of them."""
+    """Return the kept spans of the references; with `keep`, only the first share of them."""
     if keep is not None:
         return {'first': (0, round(keep * count))}
     half, quarter = count // 2, count // 4
@@ -103,25 +103,25 @@ def kept_halves(count: int, keep: float | None = None) -> Mapping[str, Span]:
 
 
 def _ranked(
-    material: Material, method: Method, found: Recognition, rows: Scores, span: Span
+    material: Material, method: Method, recognition: Recognition, rows: Scores, span: Span
 ) -> Recognition:
-    """Return the recogniser's answers with sequence scores, -inf outside a part of the map."""
+    """Return the recogniser's answers with sequence scores, -inf outside the span."""
     query, _ = material.drives(method.config.encoding)
     first, last = span
-    lengths = [match.sequence_length for match in found.matches]
+    lengths = [match.sequence_length for match in recognition.matches]
     scores = np.full(rows.shape, -np.inf)
     scores[:, first:last] = rank_references(
         rows[:, first:last], query, lengths, partial_windows=method.config.believes
     )
-    return replace(found, rows=scores)
+    return replace(recognition, rows=scores)
 
 
 def _of_part(
     material: Material, method: Method, pairs: PairScores, rows: Scores, span: Span
 ) -> Recognition:
     if method.kind.recognizer:
-        found = recognize(material, method.config, span)
-        return _ranked(material, method, found, rows, span)
+        recognition = recognize(material, method.config, span)
+        return _ranked(material, method, recognition, rows, span)
     query, reference = material.drives(method.config.encoding)
     first, last = span
     part = part_of(reference.reference_map, first, last)
@@ -131,23 +131,23 @@ def _of_part(
         lengths = [match.sequence_length for match in answers]
         scores[:, first:last] = rank_references(kept, query, lengths)
     else:
-        given = query, part, method.config, pairs.scorer
-        answers, scores[:, first:last] = answers_to(kept, *given)
-    matches = [renumbered(one, lambda one: one.reference_index + first) for one in answers]
+        arguments = query, part, method.config, pairs.scorer
+        answers, scores[:, first:last] = recognize_given(kept, *arguments)
+    matches = [renumbered(match, lambda best: best.reference_index + first) for match in answers]
     return Recognition(matches, [], scores)
 
 
 def _frame_ms(answers: Sequence[Recognition], pairs: PairScores, protocol: str) -> float | None:
-    durations = [one for part in answers for one in part.durations_ms]
+    durations = [duration_ms for answer in answers for duration_ms in answer.durations_ms]
     if not durations:
         if pairs.encode_ms is None or pairs.row_ms is None:
             return None
         return pairs.encode_ms + pairs.row_ms
-    # Descriptors were given if a part of the map was removed.
+    # With a part of the map removed, the durations do not include the encoding.
     return float(np.median(durations)) + (pairs.encode_ms or 0.0) * (protocol == OPEN)
 
 
 def _past_only(scores: Scores, past: int) -> Scores:
-    """Return scores (Q, Q) of a drive with itself, NaN where a frame is not long past."""
+    """Return scores (Q, Q) of a drive with itself, NaN within the last `past` frames."""
     index = np.arange(len(scores))
     return np.where(index[None] <= index[:, None] - past, scores, np.nan).astype(scores.dtype)

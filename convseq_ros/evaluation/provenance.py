@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What made a result: versions, machine, commit and date."""
+"""The provenance of a result: versions, machine, commit and date."""
 
 from datetime import datetime, UTC
 from importlib import metadata
@@ -34,18 +34,18 @@ def provenance() -> dict[str, Any]:
 
 
 def _commit() -> str | None:
-    """Return the commit of the source tree, with -dirty if it was changed; None outside of one."""
+    """Return the commit of the source tree, with -dirty if changed; None outside a checkout."""
     folder = Path(__file__).resolve().parent
     command = ['git', '-C', str(folder), 'describe', '--always', '--dirty', '--abbrev=40']
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=10)  # nosec B603
+        result = subprocess.run(command, capture_output=True, text=True, timeout=10)  # nosec B603
     except (OSError, subprocess.TimeoutExpired):
         return None
-    return done.stdout.strip() or None
+    return result.stdout.strip() or None
 
 
 def version_of(*names: str) -> str:
-    """Return the version of the first of some packages that is installed; empty if none is."""
+    """Return the version of the first package that is installed; empty if none is."""
     for name in names:
         try:
             return metadata.version(name)
@@ -55,7 +55,7 @@ def version_of(*names: str) -> str:
 
 
 def processor() -> str:
-    """Return the name that Linux has for the processor; empty if it has none, as on ARM."""
+    """Return the processor's name from /proc/cpuinfo; empty without one, as on ARM."""
     try:
         lines = Path('/proc/cpuinfo').read_text(encoding='utf-8', errors='replace').splitlines()
     except OSError:

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recogniser itself over a data set, as `convseq replay` runs it."""
+"""Runs the recogniser on a data set, as `convseq replay` does."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -18,40 +18,40 @@ import numpy as np
 import numpy.typing as npt
 
 Scores = npt.NDArray[np.float32]  # (Q, R), pair scores; NaN where a pair was not scored
-Span = tuple[int, int]  # references, the second excluded
+Span = tuple[int, int]  # first reference, and the one after the last
 
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """What the recogniser answered to the Q frames of a query."""
+    """The recogniser's answers to the Q frames of a query."""
 
-    matches: list[types.Match]  # references are numbered as those of the whole drive
+    matches: list[types.Match]  # references are numbered as in the full drive
     durations_ms: list[float]  # time of each `process`
     rows: Scores
 
 
-def with_known(config: Config, values: Mapping[str, Value]) -> Config:
-    """Return a configuration with other values; names that this version lacks are ignored."""
+def overridden(config: Config, values: Mapping[str, Value]) -> Config:
+    """Return a configuration with new values; names unknown to this version are ignored."""
     flat = flatten(config)
     return with_values(config, {name: value for name, value in values.items() if name in flat})
 
 
-def part_of(whole: ReferenceMap, first: int, last: int) -> ReferenceMap:
-    """Return a map of the references from `first` to before `last`, and their links."""
-    part = ReferenceMap(whole.encoding, keyframes=whole.keyframes, sessions=whole.sessions)
+def part_of(source: ReferenceMap, first: int, last: int) -> ReferenceMap:
+    """Return a map of the references from `first` up to, not including, `last`, with links."""
+    part = ReferenceMap(source.encoding, keyframes=source.keyframes, sessions=source.sessions)
     for index in range(first, last):
-        vector = whole.global_descriptors[index] if whole.encoding.descriptor_model else None
-        part.add(whole.places[index], whole.packed(index), descriptor=vector)
-    carry_links([(whole, index) for index in range(first, last)], part.links)
+        vector = source.global_descriptors[index] if source.encoding.descriptor_model else None
+        part.add(source.places[index], source.packed(index), descriptor=vector)
+    carry_links([(source, index) for index in range(first, last)], part.links)
     return part
 
 
 def recognize(material: Material, config: Config, span: Span | None = None) -> Recognition:
     """
-    Feed every query frame to a recogniser; a drive against its own past in online mode.
+    Return the recogniser's answers; a drive against its own past runs in online mode.
 
-    Without a span, images are read and described as on a robot. With one, the map is only these
-    references, and what was described before is used, which gives the same answers.
+    Without a span, images are read and described as on a robot. With a span, the map has only
+    these references, and the cached descriptors are used. The answers are the same.
     """
     if material.data_set.online:
         config = _online(material, config)
@@ -67,12 +67,12 @@ def recognize(material: Material, config: Config, span: Span | None = None) -> R
     recognizer.matcher.warm_up()
     number = {stamp_ns: index for index, stamp_ns in enumerate(reference.stamps_ns)}
     images = material.query.in_color if model and model.wants_color else material.query
-    shown: Iterable[tuple[types.Frame, types.Descriptor | None]] = ((one, None) for one in images)
+    frames: Iterable[tuple[types.Frame, types.Descriptor | None]] = ((img, None) for img in images)
     if span:
-        shown = query.described
+        frames = query.described
     matches, durations = [], []
     rows = np.full((len(query), len(reference)), np.nan, np.float32)
-    for row, (frame, descriptor) in zip(rows, shown, strict=True):
+    for row, (frame, descriptor) in zip(rows, frames, strict=True):
         started = time.perf_counter()
         match = recognizer.process(frame, descriptor)
         durations.append((time.perf_counter() - started) * 1e3)
@@ -80,19 +80,19 @@ def recognize(material: Material, config: Config, span: Span | None = None) -> R
         if newest is not None:
             usable = reference_map.places[: len(newest)]
             row[[number[place.stamp_ns] for place in usable]] = newest
-        matches.append(renumbered(match, lambda one: number[one.reference_stamp_ns]))
+        matches.append(renumbered(match, lambda best: number[best.reference_stamp_ns]))
     return Recognition(matches, durations, rows)
 
 
 def _online(material: Material, config: Config) -> Config:
-    """Return a configuration for online mode that excludes as many frames as the set says."""
+    """Return a configuration for online mode with the set's `exclude_recent`."""
     stamps_ns = material.drives(config.encoding)[0].stamps_ns
     step_s = float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 0.0
     recent = max(1, material.data_set.exclude_recent)
-    return with_known(config, {'mode': 'online', 'exclusion_s': (recent - 0.5) * step_s})
+    return overridden(config, {'mode': 'online', 'exclusion_s': (recent - 0.5) * step_s})
 
 
 def renumbered(match: types.Match, number: Callable[[types.Candidate], int]) -> types.Match:
-    """Return an answer whose references have other numbers."""
-    candidates = tuple(replace(one, reference_index=number(one)) for one in match.candidates)
+    """Return a match whose references are renumbered by `number`."""
+    candidates = tuple(replace(best, reference_index=number(best)) for best in match.candidates)
     return replace(match, candidates=candidates)

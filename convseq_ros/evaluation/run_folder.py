@@ -1,14 +1,14 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The folder that `convseq evaluate --output DIR` writes, and how to read it again.
+Writes and reads the folder of `convseq evaluate --output DIR`.
 
 ::
 
-    DIR/summary.csv               one row for every set and method
+    DIR/summary.csv               one row per set and method
     DIR/<set>/set.json            name, title, protocol, tolerance, queries, references, query,
                                   reference, source, base
-    DIR/<set>/truth.npy           bool (Q, R), which references are right for a query
+    DIR/<set>/truth.npy           bool (Q, R), the right references of each query
     DIR/<set>/thumbnails/query/000000.jpg, .../reference/000000.jpg
                                   160 px wide; missing where a frame was unreadable; no reference
                                   folder for a drive against its own past
@@ -18,9 +18,9 @@ The folder that `convseq evaluate --output DIR` writes, and how to read it again
                                   pair was not scored; absent with half of the map removed
     DIR/<set>/<method>/curve.csv  threshold, precision, recall of the exact curve
 
-With half of the map removed the set is called `<set>-open`; it has three rows a query, one for
-every half that was kept, indices of the whole map, and its `base` names the set that holds its
-thumbnails and the truth of the whole map.
+With half of the map removed the set is called `<set>-open`. It has three rows per query, one for
+each kept half. Its indices are those of the full map. Its `base` names the set with the
+thumbnails and the truth of the full map.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -51,28 +51,28 @@ EXTRA_COLUMNS = ('correct', 'known', 'slip', 'margin', 'entropy', 'half')
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One method on one set, as read from a folder."""
+    """The results of one method on one set, read from a folder."""
 
     set: str
     method: str
     folder: Path  # DIR/<set>/<method>
-    summary: Mapping[str, Any]  # what summary.json holds
+    summary: Mapping[str, Any]  # summary.json
     frames: list[dict[str, str]]  # the rows of frames.csv; empty fields are empty strings
-    reading: ReadingConfig = ReadingConfig()  # which files are too large
+    reading: ReadingConfig = ReadingConfig()  # size limits
 
     def about_set(self) -> Mapping[str, Any]:
         return read_json(self.folder.parent / 'set.json', self.reading)
 
     def scores(self) -> npt.NDArray[np.float32] | None:
-        """Return the pair scores, query by reference, if the folder has them."""
+        """Return the pair scores (Q, R), or None if the folder has none."""
         return self._array(self.folder / 'scores.npy')
 
     def truth(self) -> npt.NDArray[np.bool_] | None:
-        """Return which references are right, query by reference, with the whole map."""
+        """Return the right references (Q, R) in the full map, or None if the folder has none."""
         return self._array(self._base() / 'truth.npy')
 
     def thumbnail(self, drive: str, index: int) -> Path | None:
-        """Return the small picture of a frame of `query` or `reference`, if there is one."""
+        """Return the thumbnail of a frame of `query` or `reference`, or None without one."""
         folder = self._base() / 'thumbnails'
         if drive == 'reference' and not (folder / 'reference').is_dir():
             drive = 'query'
@@ -108,7 +108,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def write_set(folder: Path, material: Material) -> None:
-    """Write what is known of a set whatever the method: truth and thumbnails."""
+    """Write the files of a set that do not depend on the method: truth and thumbnails."""
     _write_array(folder / 'truth.npy', material.truth.right)
     _write_thumbnails(folder / 'thumbnails' / 'query', material.query)
     if not material.data_set.online:
@@ -118,7 +118,7 @@ def write_set(folder: Path, material: Material) -> None:
 def write_run(
     folder: Path, outcome: Outcome, verdicts: Verdicts, curve: Curve, summary: Mapping[str, Any]
 ) -> None:
-    """Write what a method answered, its curve, and its figures."""
+    """Write the answers of a method, its curve and its figures."""
     _write_frames(folder / 'frames.csv', outcome, verdicts)
     if outcome.protocol != OPEN:
         _write_array(folder / 'scores.npy', outcome.pairs.scores.astype(np.float32))
@@ -140,8 +140,8 @@ def _write_frames(path: Path, outcome: Outcome, verdicts: Verdicts) -> None:
     rows, query = [], outcome.query
     durations: Sequence[float | None] = outcome.durations_ms or [None] * len(outcome.matches)
     for index, (match, duration_ms) in enumerate(zip(outcome.matches, durations, strict=True)):
-        shown, apart = match.query_index, margin(match)
-        entropy = f'{query.descriptors[shown].entropy:.6f}' if query.readable[shown] else ''
+        number, query_margin = match.query_index, margin(match)
+        entropy = f'{query.descriptors[number].entropy:.6f}' if query.readable[number] else ''
         rows.append(
             {
                 **row(match, duration_ms or 0.0),
@@ -149,7 +149,7 @@ def _write_frames(path: Path, outcome: Outcome, verdicts: Verdicts) -> None:
                 'correct': int(verdicts.correct[index]),
                 'known': int(verdicts.known[index]),
                 'slip': int(verdicts.slip[index]),
-                'margin': '' if np.isnan(apart) else f'{apart:.7f}',
+                'margin': '' if np.isnan(query_margin) else f'{query_margin:.7f}',
                 'entropy': entropy,
                 'half': outcome.halves[index],
             }
@@ -168,38 +168,38 @@ def _write_thumbnails(folder: Path, images: Images) -> None:
 
 
 def write_exports(folder: Path, summaries: Iterable[Mapping[str, Any]]) -> None:
-    """Write <set>-<method>.json for each, to be compared with those of others."""
-    for one in summaries:
-        write_json(folder / f'{one["set"]}-{one["method"]}.json', one)
+    """Write <set>-<method>.json per summary, for comparison with other runs."""
+    for summary in summaries:
+        write_json(folder / f'{summary["set"]}-{summary["method"]}.json', summary)
 
 
 def read_exports(paths: Iterable[Path], reading: ReadingConfig) -> list[Mapping[str, Any]]:
-    """Return what `write_exports` wrote, set by set; SourceError if it cannot be compared."""
-    found: dict[str, list[Mapping[str, Any]]] = {}
+    """Return exported summaries, set by set; SourceError if they cannot be compared."""
+    by_set: dict[str, list[Mapping[str, Any]]] = {}
     for path in paths:
         try:
-            one = read_json(path, reading)
-            version, images = one['protocol_version'], one['images']
-            name, _ = str(one['set']), str(one['method'])
-            check_figures(one)
+            summary = read_json(path, reading)
+            version, images = summary['protocol_version'], summary['images']
+            name, _ = str(summary['set']), str(summary['method'])
+            check_figures(summary)
         except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
-            raise SourceError(f'{path}: no export of `convseq evaluate` ({error})') from None
+            raise SourceError(f'{path}: not an export of `convseq evaluate` ({error})') from None
         if version != VERSION:
             raise SourceError(
                 f'{path}: protocol version {version}, and this program has {VERSION}; '
                 'evaluate again with one program'
             )
-        if found.get(name) and found[name][0]['images'] != images:
+        if by_set.get(name) and by_set[name][0]['images'] != images:
             raise SourceError(
                 f'{path}: its images of {name} are not those of the files before; compare figures '
                 'of one set of images'
             )
-        found.setdefault(name, []).append(one)
-    return [one for own in found.values() for one in own]
+        by_set.setdefault(name, []).append(summary)
+    return [summary for exports in by_set.values() for summary in exports]
 
 
 def write_summary_table(folder: Path, summaries: Iterable[Mapping[str, Any]]) -> None:
-    """Write summary.csv: every figure that is one number or text."""
+    """Write summary.csv: every figure that is a single number or text."""
     summaries = list(summaries)
     columns = dict.fromkeys(name for summary in summaries for name in summary)
     for summary in summaries:
@@ -210,12 +210,12 @@ def write_summary_table(folder: Path, summaries: Iterable[Mapping[str, Any]]) ->
 
 
 def read_table(path: Path, reading: ReadingConfig) -> list[dict[str, str]]:
-    """Return a CSV table; SourceError if it cannot be read, csv.Error if it is none."""
+    """Return a CSV table; SourceError if it cannot be read, csv.Error if it is no table."""
     return list(csv.DictReader(io.StringIO(read_text(path, 'a table', reading), newline='')))
 
 
 def read_run(folder: Path, reading: ReadingConfig = ReadingConfig()) -> list[Run]:
-    """Return every method on every set in a folder, by name; SourceError if none, or damaged."""
+    """Return all runs in a folder, by name; SourceError if there are none, or one is damaged."""
     runs = []
     for path in sorted(folder.glob('*/*/summary.json')):
         try:
@@ -233,7 +233,7 @@ def read_run(folder: Path, reading: ReadingConfig = ReadingConfig()) -> list[Run
 
 
 def read_json(path: Path, reading: ReadingConfig) -> Mapping[str, Any]:
-    """Return the object in a file; SourceError if it cannot be read, ValueError if it is none."""
+    """Return the object in a JSON file; SourceError if unreadable, ValueError if not an object."""
     try:
         content = json.loads(read_text(path, 'a JSON file', reading))
     except RecursionError:

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From what a method answered to the figures in its summary."""
+"""Computes the figures of a summary from the answers of a method."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -21,15 +21,15 @@ Summary = dict[str, Any]
 
 @dataclass(frozen=True)
 class Verdicts:
-    """What is right and what is wrong, one entry for each of M answers."""
+    """The verdicts on M answers."""
 
-    matched: metrics.Flags  # there is a best reference at all
-    known: metrics.Flags  # there is a right one
-    correct: metrics.Flags  # the best one is right
-    slip: metrics.Flags  # it is the right place but a little off
-    accepted: metrics.Flags  # the method stands by it
-    lengths: npt.NDArray[np.int64]  # k; 0 where none could be chosen
-    # How sure the method is, by criterion; NaN where it does not say.
+    matched: metrics.Flags  # there is a best reference
+    known: metrics.Flags  # there is a right reference
+    correct: metrics.Flags  # the best reference is right
+    slip: metrics.Flags  # the best reference is just outside the tolerance
+    accepted: metrics.Flags  # the method accepted it
+    lengths: npt.NDArray[np.int64]  # k; 0 where no length could be chosen
+    # Score, margin or confidence, by criterion; NaN where the method has none.
     values: Mapping[str, metrics.Values]
 
     def curve(self, criterion: str, positives: int | None = None) -> metrics.Curve:
@@ -38,33 +38,33 @@ class Verdicts:
         )
 
     def of(self, chosen: npt.NDArray[np.int64]) -> 'Verdicts':
-        """Return the verdicts on some frames, repeated if asked for more than once."""
+        """Return the verdicts on the chosen frames, in this order, with repetitions."""
         flags = {
             item.name: getattr(self, item.name)[chosen]
             for item in fields(self)
             if item.name != 'values'
         }
-        return Verdicts(**flags, values={name: one[chosen] for name, one in self.values.items()})
+        return Verdicts(**flags, values={name: item[chosen] for name, item in self.values.items()})
 
-    def taken(self, criterion: str, threshold: float) -> metrics.Flags:
+    def above(self, criterion: str, threshold: float) -> metrics.Flags:
         """Return which answers exceed a threshold."""
         return self.matched & (self.sure(criterion) > threshold)
 
     def sure(self, criterion: str) -> metrics.Values:
-        """Return the values of a criterion, -inf where the method does not say."""
+        """Return the values of a criterion, -inf where the method has none."""
         values = self.values[criterion]
         return np.where(np.isnan(values), -np.inf, values)
 
 
 def margin(match: Match) -> float:
-    """Return by how much the best candidate beats its best rival; NaN without one."""
+    """Return the score difference of the best two candidates; NaN with fewer."""
     if len(match.candidates) < 2:
         return float('nan')
     return match.candidates[0].score - match.candidates[1].score
 
 
 def judge(outcome: Outcome) -> Verdicts:
-    """Return the verdict on every answer."""
+    """Return the verdicts on all answers."""
     matches = outcome.matches
     best = np.array([match.best.reference_index if match.best else -1 for match in matches])
     matched = best >= 0
@@ -88,10 +88,10 @@ def judge(outcome: Outcome) -> Verdicts:
 
 def figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]:
     """
-    Return the figures that depend on the frames alone; None for one that does not exist.
+    Return the figures that depend on the frames alone; None where a figure is undefined.
 
     `auc_pr` is the area under the precision-recall curve of the matched frames, recall over the
-    right matches, as scikit-learn and VPR-Bench count it.
+    right matches, as in scikit-learn and VPR-Bench.
     """
     answerable = int((verdicts.matched & verdicts.known).sum())
     right = int(verdicts.correct.sum())
@@ -105,7 +105,7 @@ def figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]:
 
 
 def decisions(verdicts: Verdicts) -> dict[str, float | None]:
-    """Return how many answers the method stands by, and how many of these are right."""
+    """Return how many answers the method accepts, and how many of these are right."""
     right = verdicts.accepted & verdicts.correct
     slips = verdicts.accepted & verdicts.slip
     return {
@@ -118,30 +118,30 @@ def decisions(verdicts: Verdicts) -> dict[str, float | None]:
 
 
 def first_closures(
-    verdicts: Verdicts, halves: Sequence[str], taken: metrics.Flags | None = None
+    verdicts: Verdicts, halves: Sequence[str], above: metrics.Flags | None = None
 ) -> dict[str, int | None]:
     """
-    Return how many frames after its first known one each run has its first right closure.
+    Return the number of frames from the first known frame to the first right closure, per half.
 
-    A run is a part of the map that was kept, by its name in `halves` (M,). Closures are what is
-    accepted, or `taken` (M,). None without one; a part of which no frame is known is left out.
+    `halves` (M,) names the kept part of the map. Closures are the accepted answers, or the flags
+    `above` (M,). None without a right closure; a half without known frames is left out.
     """
-    right = verdicts.correct & (verdicts.accepted if taken is None else taken)
-    waits = dict[str, int | None]()
+    right = verdicts.correct & (verdicts.accepted if above is None else above)
+    delays = dict[str, int | None]()
     for half in dict.fromkeys(halves):
-        here = np.array([one == half for one in halves])
-        known, found = (np.flatnonzero(flags[here]) for flags in (verdicts.known, right))
+        here = np.array([name == half for name in halves])
+        known, closed = (np.flatnonzero(flags[here]) for flags in (verdicts.known, right))
         if len(known):
-            waits[half] = int(found[0] - known[0]) if len(found) else None
-    return waits
+            delays[half] = int(closed[0] - known[0]) if len(closed) else None
+    return delays
 
 
-def own_threshold(verdicts: Verdicts, halves: Sequence[str]) -> Summary:
+def threshold_figures(verdicts: Verdicts, halves: Sequence[str]) -> Summary:
     """
-    Return what the best threshold without a false closure would give on this very set.
+    Return the figures of the best threshold without a false closure, chosen on this set itself.
 
-    It is the highest value of a wrong best candidate, by the criterion of greatest recall; the
-    names begin with `own_threshold`.
+    The threshold is the highest value of a wrong best candidate, by the criterion with the
+    greatest recall. The keys begin with `own_threshold`.
     """
     wrong = verdicts.matched & ~(verdicts.correct | verdicts.slip)
     best: Summary = {}
@@ -149,16 +149,16 @@ def own_threshold(verdicts: Verdicts, halves: Sequence[str]) -> Summary:
         if np.isnan(verdicts.values[criterion]).all():
             continue
         threshold = metrics.highest_wrong(~wrong, verdicts.sure(criterion))
-        taken = verdicts.taken(criterion, threshold)
-        right = int((taken & verdicts.correct).sum())
-        found: Summary = {
+        above = verdicts.above(criterion, threshold)
+        right = int((above & verdicts.correct).sum())
+        result: Summary = {
             'own_threshold': threshold if math.isfinite(threshold) else None,
             'own_threshold_by': criterion,
             'own_threshold_recall': metrics.share(right, int(verdicts.known.sum())),
-            'own_threshold_first': first_closures(verdicts, halves, taken),
+            'own_threshold_first': first_closures(verdicts, halves, above),
         }
-        if not best or (found['own_threshold_recall'] or 0) > (best['own_threshold_recall'] or 0):
-            best = found
+        if not best or (result['own_threshold_recall'] or 0) > (best['own_threshold_recall'] or 0):
+            best = result
     return best
 
 
@@ -170,9 +170,9 @@ def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> Summary:
     )
     recalls = metrics.recall_at(outcome.sequence_scores, outcome.right, RECALL_COUNTS)
     counts = Counter(lengths.tolist())
-    sure = verdicts.values['confidence']
-    told = verdicts.matched & ~np.isnan(sure)
-    table = metrics.reliability(sure[told], (verdicts.correct | verdicts.slip)[told])
+    confidence = verdicts.values['confidence']
+    rated = verdicts.matched & ~np.isnan(confidence)
+    table = metrics.reliability(confidence[rated], (verdicts.correct | verdicts.slip)[rated])
     return {
         'protocol': outcome.protocol,
         'criterion': criterion,

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The table of all sets and methods, for a terminal and for the report."""
+"""The table of all sets and methods, for the terminal and the report."""
 
 from collections.abc import Mapping, Sequence
 import math
@@ -26,41 +26,41 @@ HEADINGS = {
     'frame_ms': 'frame ms',
     'place_bytes': 'bytes a place',
 }
-_MOST_IS_BEST = 'accuracy_matched', 'accuracy_all', 'auc_pr', 'recall_at_100_precision'
+_HIGHER_IS_BETTER = 'accuracy_matched', 'accuracy_all', 'auc_pr', 'recall_at_100_precision'
 
 
 def summary_rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return the main figures of every summary, in the order in which they are shown."""
+    """Return the main figures of every summary, in display order."""
     rows = []
     for summary in summaries:
         low, high = summary.get('accuracy_matched_low'), summary.get('accuracy_matched_high')
         interval = '' if low is None or high is None else f'{low:.2f}-{high:.2f}'
-        shown = {**summary, 'interval': interval, 'first_closures': first_closures(summary)}
-        rows.append({name: shown.get(name) for name in HEADINGS})
+        figures = {**summary, 'interval': interval, 'first_closures': first_closures(summary)}
+        rows.append({name: figures.get(name) for name in HEADINGS})
     return rows
 
 
 def check_figures(summary: Mapping[str, Any]) -> None:
-    """Raise an exception of some kind if a figure of a summary that somebody made is no number."""
+    """Raise an exception, of any type, if a figure of a foreign summary is not a number."""
     texts = 'set', 'method', 'interval', 'first_closures'
     names = [name for name in HEADINGS if name not in texts]
     names += ['accuracy_matched_low', 'accuracy_matched_high']
-    found = [summary.get(name) for name in names]
-    found += (summary.get('frames_to_first_closure') or {}).values()
-    for one in found:
-        if isinstance(one, str) or (one is not None and not math.isfinite(one)):
-            raise ValueError(f'{one!r} is no figure')
+    values = [summary.get(name) for name in names]
+    values += (summary.get('frames_to_first_closure') or {}).values()
+    for value in values:
+        if isinstance(value, str) or (value is not None and not math.isfinite(value)):
+            raise ValueError(f'{value!r} is not a figure')
 
 
 def first_closures(summary: Mapping[str, Any]) -> str:
-    """Return how many frames it is to the first right closure, for every part of the map."""
+    """Return the numbers of frames to the first right closure, per part of the map, as text."""
     frames = summary.get('frames_to_first_closure') or {}
     return ', '.join('-' if count is None else str(count) for count in frames.values())
 
 
 def best_of(rows: Sequence[Mapping[str, Any]], name: str) -> float | None:
-    """Return the best value of a column, if rows differ in it and the most is best."""
-    values = {row[name] for row in rows} - {None} if name in _MOST_IS_BEST else set()
+    """Return the highest value of a column, or None if rows are equal or lower is better."""
+    values = {row[name] for row in rows} - {None} if name in _HIGHER_IS_BETTER else set()
     return max(values) if len(values) > 1 else None
 
 
@@ -77,8 +77,8 @@ def format_table(rows: Sequence[Mapping[str, Any]]) -> str:
     ]
     return '\n'.join(
         '  '.join(
-            cell.rjust(width) if right else cell.ljust(width)
-            for cell, width, right in zip(line, widths, numeric, strict=True)
+            cell.rjust(width) if is_number else cell.ljust(width)
+            for cell, width, is_number in zip(line, widths, numeric, strict=True)
         ).rstrip()
         for line in table
     )

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which references are right for which query: tables of pairs, positions, or equal numbers."""
+"""The right references of each query: from tables of pairs, positions, or equal indices."""
 
 from collections.abc import Callable, Mapping, Sequence
 import csv
@@ -22,24 +22,24 @@ SLIP_FRAMES = 3
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The right answers."""
+    """The ground truth."""
 
-    right: Flags  # (Q, R); a row without any is a place that the map lacks
-    tolerance: int = 0  # frames by which an answer may be off, already part of `right`
+    right: Flags  # (Q, R), right references; an empty row is a place that the map lacks
+    tolerance: int = 0  # frames, already included in `right`
 
     @property
     def known(self) -> Flags:
-        """Which queries have a right reference, shape (Q,)."""
+        """Flags of the queries that have a right reference, (Q,)."""
         return np.asarray(self.right.any(axis=1))
 
     @property
     def slip(self) -> Flags:
-        """Which references lie up to 3 frames beyond the tolerance, shape (Q, R)."""
+        """Flags of the references up to 3 frames beyond the tolerance, (Q, R)."""
         return _widened(self.right, SLIP_FRAMES) & ~self.right
 
 
 def same_index(queries: int, references: int, tolerance: int) -> Truth:
-    """Return the truth of drives with one place an index; SourceError if their lengths differ."""
+    """Return the truth of drives with equal indices; SourceError if their lengths differ."""
     if queries != references:
         raise SourceError(
             f'truth: identity needs drives of one length, got {queries} query and {references} '
@@ -48,29 +48,29 @@ def same_index(queries: int, references: int, tolerance: int) -> Truth:
     return Truth(_widened(np.eye(queries, dtype=np.bool_), tolerance), tolerance)
 
 
-def listed(pairs: Numbers, shape: tuple[int, int], tolerance: int, where: str) -> Truth:
-    """Return the truth of pairs (P, 2), or (P, 3) with tolerances; SourceError for no frame."""
+def from_pairs(pairs: Numbers, shape: tuple[int, int], tolerance: int, where: str) -> Truth:
+    """Return the truth of pairs (P, 2), or (P, 3) with tolerances; SourceError out of range."""
     right = np.zeros(shape, np.bool_)
-    for query, reference, *own in pairs.tolist():
+    for query, reference, *own_tolerance in pairs.tolist():
         for kind, index, count in (('query', query, shape[0]), ('reference', reference, shape[1])):
             if not 0 <= index < count:
                 raise SourceError(
                     f'{where}: {kind} {index} does not exist, there are {count} (0 to '
                     f'{count - 1}); complete the images or correct the truth'
                 )
-        reach = own[0] if own else tolerance
-        right[query, max(0, reference - reach) : reference + reach + 1] = True
+        pair_tolerance = own_tolerance[0] if own_tolerance else tolerance
+        right[query, max(0, reference - pair_tolerance) : reference + pair_tolerance + 1] = True
     return Truth(right, tolerance)
 
 
 def within_radius(queries: Metres, references: Metres, radius_m: float) -> Truth:
-    """Return the truth of positions (Q, 3) and (R, 3), metres; NaN, for none, is never right."""
+    """Return the truth of positions (Q, 3) and (R, 3) in metres; NaN is never right."""
     distance = np.linalg.norm(queries[:, None] - references[None], axis=2)
     return Truth(distance <= radius_m)
 
 
-def of_the_past(truth: Truth, exclude_recent: int) -> Truth:
-    """Return the truth of a drive against its own past, the latest frames left out."""
+def past_only(truth: Truth, exclude_recent: int) -> Truth:
+    """Return the truth of a drive against its own past, without the latest frames."""
     index = np.arange(len(truth.right))
     return Truth(
         truth.right & (index[None] <= index[:, None] - max(1, exclude_recent)), truth.tolerance
@@ -93,10 +93,10 @@ def read_pairs(
     reading: ReadingConfig = ReadingConfig(),
 ) -> Numbers:
     """
-    Return the pairs of a CSV table, int64 (P, 2), or (P, 3) with the tolerance of each, from 0.
+    Return the 0-based pairs of a CSV table, int64 (P, 2), or (P, 3) with a tolerance each.
 
-    Its columns are query, reference and perhaps `tolerance`: frame numbers from `first_index` on,
-    or file names; several references may stand in one cell. SourceError if it cannot be read.
+    The columns are query, reference and optionally `tolerance`: frame numbers from `first_index`
+    on, or file names. A cell may hold several references. SourceError if it cannot be read.
     """
     text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
     try:
@@ -106,39 +106,39 @@ def read_pairs(
     header = [cell.strip().lower() for cell in rows[0]] if rows else []
     if len(header) < 2:
         raise SourceError(f'{path}: expected a header and the columns query, reference')
-    own = header.index('tolerance') if 'tolerance' in header else None
+    tolerance_column = header.index('tolerance') if 'tolerance' in header else None
     numbers = [_numbers(query_names, first_index), _numbers(reference_names, first_index)]
     pairs = []
     for line, row in enumerate(rows[1:], 2):
         try:
             query = numbers[0](row[0].strip())
-            reach = [] if own is None else [int(row[own])]
-            pairs += [[query, numbers[1](cell), *reach] for cell in row[1].split()]
+            tolerance = [] if tolerance_column is None else [int(row[tolerance_column])]
+            pairs += [[query, numbers[1](cell), *tolerance] for cell in row[1].split()]
         except (IndexError, ValueError, OverflowError):
             raise SourceError(
                 f'{path}: line {line} ({",".join(row)[:80]}) names no frames; expected numbers or '
                 'names of images'
             ) from None
     try:
-        return np.array(pairs, np.int64).reshape(-1, 2 if own is None else 3)
+        return np.array(pairs, np.int64).reshape(-1, 2 if tolerance_column is None else 3)
     except OverflowError:
-        raise SourceError(f'{path}: a number is no frame, it is too large') from None
+        raise SourceError(f'{path}: a frame number is too large') from None
 
 
 def read_positions(
     path: Path, drive: str, count: int, reading: ReadingConfig = ReadingConfig()
 ) -> Metres:
     """
-    Return where the frames of a drive, `query` or `reference`, were taken, (count, 3), metres.
+    Return the positions of a drive's frames, `query` or `reference`, (count, 3), in metres.
 
-    It is a CSV table with the columns x, y and perhaps z and `drive`, one row for every frame, in
-    order. SourceError if it is not.
+    The CSV table has the columns x, y and optionally z and `drive`, and one row per frame, in
+    order. SourceError for another table.
     """
     text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
     try:
         rows: list[Mapping[str, str]] = list(csv.DictReader(text))
-        own = [row for row in rows if row.get('drive', drive) == drive]
-        positions = [[float(row['x']), float(row['y']), float(row.get('z') or 0)] for row in own]
+        rows = [row for row in rows if row.get('drive', drive) == drive]
+        positions = [[float(row['x']), float(row['y']), float(row.get('z') or 0)] for row in rows]
     except (csv.Error, KeyError, TypeError, ValueError):
         raise SourceError(
             f'{path}: expected a CSV table with the columns x, y, z in metres'

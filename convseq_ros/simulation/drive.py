@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A camera driven along a street or a route, with the truth of every frame."""
+"""Draws the frames of a drive along a street or a route, with the true pose of each frame."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,14 +22,14 @@ _MOST_VIEWS = 2
 
 
 class Way(Protocol):
-    """What can be driven along: a street, or a route through a town."""
+    """A street, or a route through a town."""
 
     @property
     def length_m(self) -> float:
-        """How far it may be driven."""
+        """The drivable length."""
 
     def spot(self, distance_m: float, offset_m: float, yaw_rad: float) -> Spot:
-        """Return where one is after a distance, so far to the left, turned so far from ahead."""
+        """Return the spot at a distance, an offset to the left and a yaw against the way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,21 +37,21 @@ class Drive:
     """How a street or a route is driven; angles are positive to the left."""
 
     start_m: float = 0.0  # along the way, where the first frame is taken
-    speed_mps: float = 10.0  # 0 stands still, negative ones go back towards the beginning
+    speed_mps: float = 10.0  # 0 stands still, negative speeds drive towards the beginning
     frame_rate_hz: float = 10.0
     num_frames: int = 150
-    # To the left of the middle of the street, whichever way the vehicle goes; the right lane is at
-    # -1.5, the opposite one at 1.5.
+    # To the left of the middle of the street, seen along the street, in both driving directions.
+    # The right lane is at -1.5, the opposite lane at 1.5.
     lane_offset_m: float = -1.5
-    # Instead of that: distances in metres, ascending, and the offsets there; between them the
-    # vehicle drives straight from one to the next.
+    # Replaces `lane_offset_m`: ascending distances in metres, each with its offset. The vehicle
+    # drives in straight lines between them.
     lanes: tuple[tuple[float, float], ...] = ()
-    heading_deg: float = 0.0  # of the vehicle against the street; 180 is turned round
-    camera_yaw_deg: float = 0.0  # of the camera on the vehicle; 180 looks behind
+    heading_deg: float = 0.0  # of the vehicle against the street; 180 faces backwards
+    camera_yaw_deg: float = 0.0  # of the camera on the vehicle; 180 looks backwards
     light: str = 'day'  # or 'overcast', 'evening', 'night'
     brightness: float = 1.0  # exposure of the camera
     noise: float = 0.0  # standard deviation in grey levels, added to the noise of the light
-    seed: int = 0  # decides the noise
+    seed: int = 0  # of the noise
     start_ns: int = 1_700_000_000_000_000_000  # stamp of the first frame
     width_px: int = 640
     height_px: int = 480
@@ -87,48 +87,48 @@ class Drive:
         return Camera(self.width_px, self.height_px, focal, focal, *middle, mount=mount)
 
     def distance_m(self, index: int) -> float:
-        """Return how far along the way a frame is taken."""
+        """Return the distance along the way at a frame."""
         return self.start_m + self.speed_mps * index / self.frame_rate_hz
 
     def offset_m(self, distance_m: float) -> float:
-        """Return how far to the left of the middle the vehicle is after a distance."""
+        """Return the offset to the left of the middle at a distance."""
         if not self.lanes:
             return self.lane_offset_m
         at, offsets = zip(*self.lanes, strict=True)
         return float(np.interp(distance_m, at, offsets))
 
     def yaw_rad(self, distance_m: float) -> float:
-        """Return how the vehicle is turned after a distance, 0 along the street, left positive."""
+        """Return the vehicle's yaw at a distance, 0 along the street, positive to the left."""
         ahead, behind = (self.offset_m(distance_m + d) for d in (_SLOPE_M, -_SLOPE_M))
         return math.radians(self.heading_deg) + math.atan2(ahead - behind, 2 * _SLOPE_M)
 
     def stamp_ns(self, index: int) -> int:
-        """Return when a frame is taken."""
+        """Return the time of a frame."""
         return self.start_ns + round(index * 1_000_000_000 / self.frame_rate_hz)
 
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One frame of a drive, and the truth about it."""
+    """One frame of a drive, with its true pose."""
 
     stamp_ns: int
     image: Image  # (H, W, 3), BGR
     pose: Pose  # of the vehicle, in the world
     distance_m: float  # along the way
-    odometry: Pose | None = None  # what the vehicle believes, if that is not the truth
+    odometry: Pose | None = None  # the measured pose, if it differs from the true pose
     camera: Camera | None = None
-    depth_m: npt.NDArray[np.float32] | None = None  # (H, W), along the lens, 0 for the sky
+    depth_m: npt.NDArray[np.float32] | None = None  # (H, W), along the optical axis, 0 for the sky
 
     @property
     def frame(self) -> Frame:
-        """The same as every other source yields it."""
+        """The shot as a frame, as from other sources."""
         gray = cv2.cvtColor(self.image, cv2.COLOR_BGR2GRAY)
-        known = self.stamp_ns, gray, 'simulation', self.pose
-        return Frame(*known, camera=self.camera, depth_m=self.depth_m)
+        values = self.stamp_ns, gray, 'simulation', self.pose
+        return Frame(*values, camera=self.camera, depth_m=self.depth_m)
 
 
 def draw(way: Way, drive: Drive) -> Iterator[Shot]:
-    """Yield the frames of a drive as they are asked for; ConvseqError if it leaves the way."""
+    """Yield the frames of a drive, drawn on demand; ConvseqError if it leaves the way."""
     ends_m = drive.start_m, drive.distance_m(drive.num_frames - 1)
     if max(ends_m) > way.length_m:
         raise ConvseqError(
@@ -152,13 +152,13 @@ def draw(way: Way, drive: Drive) -> Iterator[Shot]:
         views[spot.street] = view
         if len(views) > _MOST_VIEWS:
             del views[next(iter(views))]
-        looks = spot.street_yaw_rad + math.radians(drive.camera_yaw_deg)
-        image = view.draw(spot.street_x, spot.street_y, looks)
+        yaw_rad = spot.street_yaw_rad + math.radians(drive.camera_yaw_deg)
+        image = view.draw(spot.street_x, spot.street_y, yaw_rad)
         pose = _pose(spot.x, spot.y, spot.yaw_rad)
         exposed = _expose(image, drive, grain, index)
         depth_m = view.depth_m if drive.has_depth else None
-        known = drive.stamp_ns(index), exposed, pose, distance
-        yield Shot(*known, camera=drive.camera, depth_m=depth_m)
+        values = drive.stamp_ns(index), exposed, pose, distance
+        yield Shot(*values, camera=drive.camera, depth_m=depth_m)
 
 
 def _pose(x: float, y: float, yaw_rad: float) -> Pose:
@@ -166,7 +166,7 @@ def _pose(x: float, y: float, yaw_rad: float) -> Pose:
 
 
 def _grain(drive: Drive, strength: float) -> Image:
-    """Return noise about 128, larger than an image, from which every frame takes a part."""
+    """Return noise around 128, larger than an image; every frame uses a part of it."""
     rng = np.random.default_rng(drive.seed)
     shape = drive.height_px + 64, drive.width_px + 64, 3
     field = rng.standard_normal(shape, np.float32) * strength

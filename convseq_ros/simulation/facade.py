@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The fronts of houses: walls, windows, doors, shops and roofs, no two alike."""
+"""Paints the fronts of houses: walls, windows, doors, shops and roofs, each different."""
 
 from convseq_ros.simulation.light import Colour, Floats
 from convseq_ros.simulation.texture import any_colour, cloud, shade_of, Sheet
@@ -101,7 +101,7 @@ def paint_shop(sheet: Sheet, rng: np.random.Generator, x: float, width: float) -
 def paint_ground_floor(
     sheet: Sheet, rng: np.random.Generator, wall: Colour, style_seed: int, storey: float
 ) -> None:
-    """Paint shops, doors, windows and what people left on the wall."""
+    """Paint shops, doors, windows and graffiti."""
     width = sheet.width_m
     sheet.box(0, 0, width, rng.uniform(0.3, 1.0), shade_of(wall, rng.uniform(0.45, 0.8)))
     at = rng.uniform(0.2, 0.8)
@@ -156,7 +156,7 @@ def _paint_wall(sheet: Sheet, rng: np.random.Generator, wall: Colour) -> None:
 
 
 def _wall_relief(sheet: Sheet, rng: np.random.Generator) -> Floats:
-    """Return how bright each point of a wall is, from bricks, blocks, boards or plaster."""
+    """Return the brightness of each point of a wall of bricks, blocks, boards or plaster."""
     (height, width), resolution = sheet.image.shape[:2], sheet.resolution
     relief = 1.0 + rng.uniform(0.04, 0.10) * cloud(rng, height, width)
     kind = rng.choice(('brick', 'block', 'board', 'plaster', 'plaster'))
@@ -180,7 +180,7 @@ def _wall_relief(sheet: Sheet, rng: np.random.Generator) -> Floats:
 
 
 def _roof(sheet: Sheet, rng: np.random.Generator, eaves: float) -> None:
-    """Paint what stands above the eaves, leaving the sky free."""
+    """Paint the roof above the eaves; the sky stays transparent."""
     width, rise = sheet.width_m, sheet.height_m - eaves
     colour = shade_of(_ROOFS[rng.integers(len(_ROOFS))], rng.uniform(0.8, 1.3))
     lean = rng.uniform(0.0, 0.8)

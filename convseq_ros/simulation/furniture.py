@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What stands along a street: trees, lamps, cars, signs, hedges."""
+"""Paints the objects along a street: trees, lamps, cars, signs, hedges."""
 
 from convseq_ros.simulation.facade import word
 from convseq_ros.simulation.light import Colour
@@ -129,7 +129,7 @@ def paint_car_side(rng: np.random.Generator, sheet: Sheet) -> None:
 
 
 def paint_car_end(rng: np.random.Generator, sheet: Sheet) -> None:
-    """Paint a car from behind (or, near enough, from the front)."""
+    """Paint a car from behind; also used for the front."""
     paint = shade_of(_CARS[rng.integers(len(_CARS))], rng.uniform(0.8, 1.1))
     width, top = sheet.width_m, sheet.height_m
     sheet.box(0.1, 0.0, 0.24, 0.4, _RUBBER)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where everything stands on one stretch of the street; all follows from a seed."""
+"""Places all objects on one stretch of the street, reproducibly from a seed."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -22,21 +22,21 @@ class Panel:
     """An upright painted rectangle."""
 
     start: Point  # x, y in metres of the left side of the picture
-    end: Point  # and of the right one
+    end: Point  # x, y in metres of the right side
     bottom: float  # heights, metres
     top: float
-    visible_m: float  # from how far it is worth drawing
-    facing: bool  # whether it turns to the camera about its middle, as trees do
+    visible_m: float  # distance up to which it is drawn
+    facing: bool  # whether it turns about its middle to face the camera, like a tree
     resolution: float  # pixels per metre of the picture
-    seed: tuple[int, ...]  # decides the picture
+    seed: tuple[int, ...]  # of the picture
     paint: Painter  # paints the picture on a sheet
-    gain: float  # share of the light that falls on it
-    light: Light  # what shines on the street
-    lamps: list[Point]  # street lamps near by, metres
+    gain: float  # share of the incident light
+    light: Light  # of the street
+    lamps: list[Point]  # nearby street lamps, metres
 
     @cached_property
     def texture(self) -> Texture:
-        """The picture in this panel's light, made when first needed."""
+        """The picture in this panel's light, painted on first use."""
         width = float(np.hypot(self.end[0] - self.start[0], self.end[1] - self.start[1]))
         sheet = Sheet(width, self.top - self.bottom, self.resolution, self.light.lamps > 0)
         self.paint(np.random.default_rng(self.seed), sheet)
@@ -55,15 +55,15 @@ class Panel:
 STRETCH_M = 48.0
 _CAR_M = 3.3
 _HOUSE_DEPTH_M = 9.0
-# What stands: half its width, its least and largest height, how it is painted, and from how far it
-# is seen; metres.
+# For each object, in metres: half the width, the minimum and maximum height, the painter, and the
+# distance up to which it is drawn.
 _SIGN = 0.55, 2.4, 3.2, furniture.paint_sign, 80.0
 _BIN = 0.35, 0.8, 1.5, furniture.paint_bin, 50.0
 _HANGING = furniture.paint_hanging_sign
 
 
 class Layout:
-    """Places everything of one stretch; `lamps_seed` and `own` (seed, share) are of a twin."""
+    """Places the objects of one stretch; `lamps_seed` and `repaint` (seed, share) make a twin."""
 
     def __init__(
         self,
@@ -71,10 +71,10 @@ class Layout:
         index: int,
         light: Light,
         lamps_seed: int | None = None,
-        own: tuple[int, float] = (0, 0.0),
+        repaint: tuple[int, float] = (0, 0.0),
     ) -> None:
         self._seed, self._index, self._light = seed, index, light
-        self._lamps_seed, self._own = seed if lamps_seed is None else lamps_seed, own
+        self._lamps_seed, self._repaint = seed if lamps_seed is None else lamps_seed, repaint
         self._count = 0
         self._start = index * STRETCH_M
         self._lamps = [at for near in (-1, 0, 1) for at in self._lamp_places(index + near)]
@@ -104,11 +104,11 @@ class Layout:
         return Panel(start, end, bottom, top, *drawn, self._light, self._lamps)
 
     def _paint_seeds(self) -> tuple[int, ...]:
-        """Return what decides how the newest panel is painted."""
+        """Return the seeds of the newest panel's picture."""
         at = self._index + 1_000_000, 99, self._count
-        own_seed, share = self._own
-        is_own = share > 0 and np.random.default_rng((own_seed, *at, 1)).uniform() < share
-        return (own_seed if is_own else self._seed, *at)
+        twin_seed, share = self._repaint
+        repaints = share > 0 and np.random.default_rng((twin_seed, *at, 1)).uniform() < share
+        return (twin_seed if repaints else self._seed, *at)
 
     def _lamp_places(self, index: int) -> list[Point]:
         rng = np.random.default_rng((self._lamps_seed, index + 1_000_000, 1))
@@ -118,12 +118,12 @@ class Layout:
         ]
 
     def _bounds(self, side: int) -> Point:
-        """Where the first house of this stretch and that of the next begin."""
+        """Return where the first houses of this stretch and of the next one begin."""
         first, last = (self._rng(20 + side, self._index + i).uniform(-5, 5) for i in (0, 1))
         return self._start + first, self._start + STRETCH_M + last
 
     def houses(self, side: int) -> Iterator[Panel]:
-        """Yield the fronts and sides of the houses on one side, gaps between them."""
+        """Yield the fronts and sides of the houses on one side, with gaps."""
         rng = self._rng(30 + side)
         at, last = self._bounds(side)
         while last - at > 1.0:
@@ -212,7 +212,7 @@ class Layout:
                     yield self._start + 6.0 * bay + shift, side, seed
 
     def parked(self) -> Iterator[Panel]:
-        """Yield parked cars: both ends and the side that shows."""
+        """Yield parked cars: both ends and the visible side."""
         long = furniture.CAR_LENGTH_M
         for x, side, seed in self._bays():
             rng = np.random.default_rng(seed)
@@ -228,7 +228,7 @@ class Layout:
                 yield self._panel(start, end, 0.0, top, paint, *shown, gain=gain, seed=seed)
 
     def signs(self) -> Iterator[Panel]:
-        """Yield traffic signs, bins and the signs that hang over the pavement."""
+        """Yield traffic signs, bins and hanging shop signs."""
         rng = self._rng(70)
         for side in (-1, 1):
             for _ in range(int(rng.integers(1, 4))):
@@ -265,6 +265,6 @@ class Layout:
 
 
 def _front(side: int, x: float, width: float, y: float) -> tuple[Point, Point]:
-    """Return the left and right end of what faces the street from one of its sides."""
+    """Return the left and right ends of a front that faces the street."""
     ends = (x, y), (x + width, y)
     return ends if side > 0 else ends[::-1]

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Day, overcast, evening and night: what light does to the colours of the street."""
+"""Day, overcast, evening and night: the effect of light on the colours of the street."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ class Light:
     """One kind of light; colours are BGR in 0..255, gains of 1 change nothing."""
 
     zenith: Colour  # of the sky
-    horizon: Colour  # of the sky, to which distance fades everything
-    left: float  # how much light falls on the facades of either side, and on the road
+    horizon: Colour  # of the sky; distant objects fade to it
+    left: float  # gains of the facades on either side, and of the road
     right: float
     ground: float
-    tint: Colour  # gains: the colour of that light
-    visibility_m: float  # after which 37 % of the contrast is left
+    tint: Colour  # gains: the colour of the light
+    visibility_m: float  # distance at which 37 % of the contrast is left
     noise: float  # standard deviation of the camera's noise, grey levels
     lamps: float = 0.0  # strength of the street lamps; 0 also leaves all windows dark
 
@@ -52,15 +52,15 @@ def illuminate(
     glow: Image | None,
     light: Light,
     gain: float,
-    where: tuple[Floats, Floats, Floats],
+    points: tuple[Floats, Floats, Floats],
     lamps: Sequence[tuple[float, float]],
 ) -> Image:
     """
-    Return a texture (H, W, 4), BGRA premultiplied by alpha, as it looks in a light.
+    Return a lit texture (H, W, 4), BGRA premultiplied by alpha.
 
-    `image` are its colours in neutral light, `glow` (H, W, 3) what shines by itself when lamps are
-    on, `gain` the share of the light that falls on it, `where` the x, y and z of its points in
-    metres, which broadcast to (H, W), and `lamps` the x, y of lamps that may reach it.
+    `image` has the colours in neutral light, `glow` (H, W, 3) the emitted light when lamps are on.
+    `gain` is the share of the incident light. `points` are the x, y and z of the texels in metres,
+    which broadcast to (H, W). `lamps` are the x, y of the lamps near by.
     """
     tint = np.array(light.tint, np.float32) * np.float32(gain)
     if not light.lamps:
@@ -69,7 +69,7 @@ def illuminate(
         alpha = cv2.cvtColor(image[..., 3], cv2.COLOR_GRAY2BGRA)
         lit: Image = cv2.min(cv2.LUT(image, table), alpha)
         return lit
-    x, y, z = where
+    x, y, z = points
     share = np.zeros(np.broadcast_shapes(x.shape, y.shape, z.shape), np.float32)
     for lamp_x, lamp_y in lamps:
         squared = (x - lamp_x) ** 2 + (y - lamp_y) ** 2 + (z - LAMP_HEIGHT_M) ** 2

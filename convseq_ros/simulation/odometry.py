@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry that drifts, as wheels let it: a little with every metre."""
+"""Simulates drifting wheel odometry."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -14,21 +14,21 @@ import numpy as np
 @dataclass(frozen=True, slots=True)
 class Drift:
     """
-    How wrong odometry is: by a share, always alike, and by random errors that grow with sqrt(d).
+    The errors of odometry: systematic ones, and random ones that grow with sqrt(distance).
 
-    A wheel that is 1 mm of 300 larger than the other one, 0.6 m apart, turns a vehicle by 32
-    degrees in 100 m.
+    Two wheels of 300 mm, 0.6 m apart, that differ by 1 mm in size turn a vehicle by 32 degrees in
+    100 m.
     """
 
-    scale: float = 0.01  # share of the distance that is measured too much
-    yaw_bias_deg: float = 2.0  # to the left in 100 m
-    noise_m: float = 0.02  # after one metre, both along and across
+    scale: float = 0.01  # excess of the measured distance, as a share
+    yaw_bias_deg: float = 2.0  # to the left per 100 m
+    noise_m: float = 0.02  # after 1 m, both along and across
     yaw_noise_deg: float = 2.0  # after 100 m
-    seed: int = 0  # decides the random errors
+    seed: int = 0  # of the random errors
 
 
 class Odometer:
-    """Measures how a vehicle moves, with drift, from where it is first seen."""
+    """Measures the motion of a vehicle with drift, from its first pose."""
 
     def __init__(self, drift: Drift) -> None:
         self._drift = drift
@@ -37,7 +37,7 @@ class Odometer:
         self._x = self._y = self._yaw = 0.0
 
     def moved_to(self, pose: Pose) -> Pose:
-        """Return where odometry believes to be, from its first pose, by true x, y and yaw."""
+        """Return the measured pose relative to the first one, from the next true pose."""
         x, y = pose.position[:2]
         yaw = 2 * math.atan2(pose.orientation[2], pose.orientation[3])
         if self._last is not None:
@@ -51,7 +51,7 @@ class Odometer:
         return Pose((self._x, self._y, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
 
     def lift(self) -> None:
-        """Be carried elsewhere: the wheels do not turn on the way there."""
+        """Ignore the motion to the next pose, as if the vehicle is carried there."""
         self._last = None
 
     def _step(self, ahead: float, aside: float, turn: float) -> None:
@@ -62,11 +62,11 @@ class Odometer:
         cos, sin = math.cos(self._yaw), math.sin(self._yaw)
         self._x += cos * ahead - sin * aside
         self._y += sin * ahead + cos * aside
-        wrong_deg = drift.yaw_bias_deg * distance / 100 + drift.yaw_noise_deg * turned / 10
-        self._yaw += turn + math.radians(wrong_deg)
+        error_deg = drift.yaw_bias_deg * distance / 100 + drift.yaw_noise_deg * turned / 10
+        self._yaw += turn + math.radians(error_deg)
 
 
 def with_odometry(shots: Iterable[Shot], drift: Drift) -> Iterator[Shot]:
-    """Yield the same shots, each with what drifting odometry says."""
+    """Yield the shots with drifting odometry."""
     odometer = Odometer(drift)
     return (replace(shot, odometry=odometer.moved_to(shot.pose)) for shot in shots)

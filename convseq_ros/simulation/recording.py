@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A drive as a ROS 2 recording."""
+"""Writes a drive as a ROS 2 recording."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -24,10 +24,10 @@ def write_recording(
     info_topic: str = '',
 ) -> None:
     """
-    Write an mcap recording of images and, if it has a topic, odometry; whole or not at all.
+    Write an mcap recording of images and, if `odom_topic` is set, odometry, in one step.
 
-    Shots that carry odometry of their own are written with it, in frame odom, and the truth, in
-    frame map, on /ground_truth. `info_topic` has a CameraInfo for every image.
+    Odometry of a shot is written in frame odom, and then its true pose in frame map on
+    /ground_truth. With `info_topic`, every image has a CameraInfo.
     """
     try:
         from rosbags.rosbag2 import StoragePlugin, Writer
@@ -43,19 +43,19 @@ def write_recording(
         complete_or_absent(path) as part,
         Writer(part, version=9, storage_plugin=StoragePlugin.MCAP) as writer,
     ):
-        known = {topic: writer.add_connection(topic, _IMAGE, typestore=store)}
+        connections = {topic: writer.add_connection(topic, _IMAGE, typestore=store)}
         for shot in frames:
-            said = [(topic, _IMAGE, _image_message(store.types, shot))]
-            said += [
+            messages = [(topic, _IMAGE, _image_message(store.types, shot))]
+            messages += [
                 (name, _ODOMETRY, _odometry_message(store.types, shot, frame_id, pose))
                 for name, frame_id, pose in _poses(shot, odom_topic)
             ]
             if info_topic and shot.camera:
-                said.append((info_topic, _INFO, _info_message(store.types, shot, shot.camera)))
-            for name, kind, message in said:
-                if name not in known:
-                    known[name] = writer.add_connection(name, kind, typestore=store)
-                writer.write(known[name], shot.stamp_ns, store.serialize_cdr(message, kind))
+                messages.append((info_topic, _INFO, _info_message(store.types, shot, shot.camera)))
+            for name, kind, message in messages:
+                if name not in connections:
+                    connections[name] = writer.add_connection(name, kind, typestore=store)
+                writer.write(connections[name], shot.stamp_ns, store.serialize_cdr(message, kind))
 
 
 def _poses(shot: Shot, odom_topic: str) -> list[tuple[str, str, Pose]]:

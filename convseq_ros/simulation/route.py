@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A way through a town whose streets cross at right angles, as often as it likes."""
+"""A route through a town whose streets cross at right angles."""
 
 from bisect import bisect_right
 from dataclasses import dataclass, field
@@ -18,16 +18,16 @@ Corner = tuple[float, float]
 class _Piece:
     """A part of a route without a change of street or of curvature."""
 
-    x: float  # where it begins, in the world
+    x: float  # of the beginning, in the world
     y: float
     yaw_rad: float
     length_m: float
     curvature: float  # radians per metre, positive to the left
-    start: Corner  # the corners between which the street that is seen here was entered
+    start: Corner  # start and end corner of the leg whose street is visible here
     end: Corner
 
     def at(self, distance_m: float) -> tuple[float, float, float]:
-        """Return x, y and yaw after a distance from its beginning."""
+        """Return x, y and yaw at a distance from the beginning."""
         yaw = self.yaw_rad + self.curvature * distance_m
         if not self.curvature:
             along = distance_m
@@ -43,14 +43,14 @@ class _Piece:
 @dataclass(frozen=True)
 class Route:
     """
-    A way along streets that lie on lines of constant x or of constant y; or ConvseqError.
+    A route along streets on lines of constant x or constant y; ConvseqError for other corners.
 
-    Every line is one street: a route that comes back to it sees the same houses again. In a bend
-    the view changes from one street to the other half way round.
+    Every line is one street: a route that returns to it sees the same houses again. Half way
+    through a bend, the view changes from one street to the other.
     """
 
-    corners: tuple[Corner, ...]  # x, y in metres: where it begins, each corner, and where it ends
-    seed: int = 0  # of the town; decides every street
+    corners: tuple[Corner, ...]  # x, y in metres: the beginning, each corner, and the end
+    seed: int = 0  # of the town and all its streets
     radius_m: float = 6.0  # of the bends
     _pieces: tuple[_Piece, ...] = field(init=False, repr=False, compare=False)
     _starts: tuple[float, ...] = field(init=False, repr=False, compare=False)
@@ -66,11 +66,11 @@ class Route:
 
     @property
     def length_m(self) -> float:
-        """How long it is, metres along its middle."""
+        """The length along the middle."""
         return self._starts[-1]
 
     def spot(self, distance_m: float, offset_m: float, yaw_rad: float) -> Spot:
-        """Return where one is after a distance, so far to the left, turned so far from ahead."""
+        """Return the spot at a distance, an offset to the left and a yaw against the route."""
         index = min(bisect_right(self._starts, distance_m), len(self._pieces)) - 1
         piece = self._pieces[index]
         x, y, ahead = piece.at(distance_m - self._starts[index])

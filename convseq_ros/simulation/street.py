@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A street of any length; nothing of it is kept, all follows from its seed."""
+"""A street of any length, generated from its seed on demand."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ from convseq_ros.simulation.texture import Texture
 class Stretch:
     """A stretch of the street in one light."""
 
-    buildings: list[Panel]  # everything on and behind the line of the facades
-    things: list[Panel]  # everything in front of them
+    buildings: list[Panel]  # on and behind the line of the facades
+    things: list[Panel]  # in front of the facades
     make_ground: Callable[[], Texture]
 
     @cached_property
@@ -28,25 +28,25 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """Where a camera stands: in metres, and counter-clockwise from the x axis."""
+    """The position of a camera in metres, with its yaw counter-clockwise from the x axis."""
 
     x: float  # in the world
     y: float
     yaw_rad: float
-    street: 'Street'  # that it sees
-    street_x: float  # the same place in that street's own axes
+    street: 'Street'  # the visible street
+    street_x: float  # the same position in the axes of that street
     street_y: float
     street_yaw_rad: float
 
 
 @dataclass(frozen=True, slots=True)
 class Street:
-    """A street along x, its middle at y = 0; `things_seed` alone differs between twins."""
+    """A street along x, its middle at y = 0; twins have the same `seed`, other `things_seed`."""
 
-    length_m: float  # how far it may be driven; what one sees goes on beyond
-    seed: int = 0  # decides the whole street
-    things_seed: int | None = None  # instead decides trees, parked cars, signs and the road
-    alike: float = 1.0  # share of fronts and sides of houses that are painted as its twins' are
+    length_m: float  # drivable length; the view continues beyond it
+    seed: int = 0  # of the street
+    things_seed: int | None = None  # of trees, parked cars, signs and the road
+    alike: float = 1.0  # share of house fronts and sides painted as those of twins
 
     def __post_init__(self) -> None:
         if not self.length_m > 0:
@@ -58,16 +58,16 @@ class Street:
             raise ConvseqError(f'alike: {self.alike} is not a share; choose 0 to 1')
 
     def spot(self, distance_m: float, offset_m: float, yaw_rad: float) -> Spot:
-        """Return where one is after a distance, so far to the left, turned so far from ahead."""
+        """Return the spot at a distance, an offset to the left and a yaw against the street."""
         here = distance_m, offset_m, yaw_rad
         return Spot(*here, self, *here)
 
     def stretch(self, index: int, light: Light) -> Stretch:
-        """Return what stands between `index` and `index + 1` times `STRETCH_M`."""
-        layout = own = Layout(self.seed, index, light)
+        """Return the stretch from `index` to `index + 1` times `STRETCH_M`."""
+        layout = twin = Layout(self.seed, index, light)
         if self.things_seed is not None:
-            layout = Layout(self.seed, index, light, own=(self.things_seed, 1 - self.alike))
-            own = Layout(self.things_seed, index, light, lamps_seed=self.seed)
+            layout = Layout(self.seed, index, light, repaint=(self.things_seed, 1 - self.alike))
+            twin = Layout(self.things_seed, index, light, lamps_seed=self.seed)
         buildings = [*layout.second_row(), *layout.houses(1), *layout.houses(-1)]
-        things = [*layout.lamps(), *own.plants(), *own.parked(), *own.signs()]
-        return Stretch(buildings, things, own.ground)
+        things = [*layout.lamps(), *twin.plants(), *twin.parked(), *twin.signs()]
+        return Stretch(buildings, things, twin.ground)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sheets to paint on in metres, random grain, and textures that can be seen from afar."""
+"""Sheets to paint on in metres, random grain, and textures at several resolutions."""
 
 from convseq_ros.simulation.light import Colour, Floats, Image
 import cv2
@@ -11,22 +11,22 @@ Points = list[tuple[float, float]]
 
 
 class Texture:
-    """A picture, BGRA premultiplied by alpha, and smaller versions, shrunk in each direction."""
+    """A picture, BGRA premultiplied by alpha, with versions shrunk in each direction."""
 
     def __init__(self, image: Image) -> None:
         self._levels = {(0, 0): image}
 
     def level(self, across: int, down: int) -> Image:
         """Return the version shrunk by 2**across in width and by 2**down in height."""
-        known = self._levels.get((across, down))
-        if known is not None:
-            return known
+        level = self._levels.get((across, down))
+        if level is not None:
+            return level
         larger = self.level(across - 1, down) if across > down else self.level(across, down - 1)
         height, width = self._levels[0, 0].shape[:2]
         size = (max(1, width >> across), max(1, height >> down))
-        made: Image = cv2.resize(larger, size, interpolation=cv2.INTER_AREA)
-        self._levels[across, down] = made
-        return made
+        smaller: Image = cv2.resize(larger, size, interpolation=cv2.INTER_AREA)
+        self._levels[across, down] = smaller
+        return smaller
 
 
 class Sheet:
@@ -48,7 +48,7 @@ class Sheet:
         )
 
     def polygon(self, points: Points, colour: Colour, shine: Colour | None = None) -> None:
-        """Fill a polygon; `shine` is what it sends out at night."""
+        """Fill a polygon; `shine` is the colour that it emits at night."""
         pixels = self._pixels(points)
         cv2.fillPoly(self.image, [pixels], (*colour, 255), cv2.LINE_AA, 4)
         if self.glow is not None:
@@ -77,7 +77,7 @@ class Sheet:
         cv2.circle(self.image, (column, row), size, (*colour, 255), -1, cv2.LINE_AA, 4)
 
     def text(self, x: float, z: float, height: float, words: str, colour: Colour) -> None:
-        """Write words whose capitals are as high as given."""
+        """Write words with capitals of a height in metres."""
         ((column, row),) = (self._pixels([(x, z)]) // 16).tolist()
         scale = height * self.resolution / 21.0
         pen = cv2.FONT_HERSHEY_DUPLEX, scale
@@ -89,14 +89,14 @@ class Sheet:
             cv2.putText(self.glow, words, (column, row), *pen, ink, thickness, cv2.LINE_AA)
 
     def grain(self, rng: np.random.Generator, strength: float) -> None:
-        """Roughen all that is painted so far, at many scales; alpha stays."""
+        """Add noise at many scales to the picture so far; alpha stays."""
         rough = 1.0 + strength * cloud(rng, self.image.shape[0], self.image.shape[1])
         painted = np.minimum(self.image[..., :3] * rough[..., None], self.image[..., 3:])
         self.image[..., :3] = painted.astype(np.uint8)
 
 
 def cloud(rng: np.random.Generator, height: int, width: int, finest: int = 2) -> Floats:
-    """Return noise of about unit strength with detail from `finest` pixels up, (H, W)."""
+    """Return noise (H, W) of about unit strength, with details of `finest` pixels and more."""
     total = np.zeros((height, width), np.float32)
     scale, weight = finest, 0.45
     while scale < 2 * max(height, width) and scale < 200:

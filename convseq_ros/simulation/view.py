@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a camera sees of the street: ground first, then panels from far to near.
+Draws the street as a camera sees it: ground first, then panels from far to near.
 
-Every surface is a plane, so each maps to the image by a homography. It is drawn in pieces whose
-textures are shrunk to about one texel a pixel, so that far things do not flicker.
+Every surface is a plane, which a homography maps to the image. It is drawn in pieces with textures
+shrunk to about one texel per pixel, so that distant objects do not flicker.
 """
 
 from collections.abc import Iterator
@@ -57,7 +57,7 @@ class View:
         return picture
 
     def draw(self, x: float, y: float, heading_rad: float) -> Image:
-        """Return what is seen, BGR, from x along the street and y to the left of its middle."""
+        """Return the view, BGR, from x along the street and y to the left of its middle."""
         self._x, self._y = x, y
         self._cos, self._sin = math.cos(heading_rad), math.sin(heading_rad)
         self._canvas = self._background.copy()
@@ -79,17 +79,17 @@ class View:
 
     @property
     def depth_m(self) -> Floats:
-        """How deep lies what was drawn last, (height, width), along the lens; 0 for the sky."""
+        """Depth of the last view, (height, width), along the optical axis; 0 for the sky."""
         return -np.log(self._clear) * np.float32(self._light.visibility_m)
 
     def _distance(self, panel: Panel) -> float:
-        """How far a panel is, so that what hides is nearer than what is hidden."""
+        """Return the distance of a panel, by which panels are sorted for occlusion."""
         low, high = sorted((panel.start[0], panel.end[0]))
         along = max(low - self._x, self._x - high, 0.0)
         return along + 0.01 * abs(panel.start[1] + panel.end[1])
 
     def _seen(self, x: float, y: float) -> tuple[float, float]:
-        """Return how far right and how deep a point lies."""
+        """Return the coordinates of a point to the right and in depth."""
         dx, dy = x - self._x, y - self._y
         return dx * self._sin - dy * self._cos, dx * self._cos + dy * self._sin
 
@@ -185,9 +185,9 @@ class View:
                 for d in (depth[upper], depth[lower - 1])
                 for side in (-1, 1)
             ]
-            known = self._stretches
-            first = max(min(known), math.floor(min(ends) / STRETCH_M))
-            last = min(max(known), math.floor(max(ends) / STRETCH_M))
+            stretches = self._stretches
+            first = max(min(stretches), math.floor(min(ends) / STRETCH_M))
+            last = min(max(stretches), math.floor(max(ends) / STRETCH_M))
             if first > last:
                 continue
             key = (*level, first, last)
@@ -195,7 +195,7 @@ class View:
                 self._roads[key]
                 if key in self._roads
                 else np.ascontiguousarray(
-                    np.hstack([known[i].ground.level(*level) for i in range(first, last + 1)])
+                    np.hstack([stretches[i].ground.level(*level) for i in range(first, last + 1)])
                 )
             )
             right, deep = self._seen(first * STRETCH_M, GROUND_HALF_M)
@@ -212,7 +212,7 @@ class View:
 
 
 def _clipped(end: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
-    """Return an end of a line (right, deep), moved along it until it is before the camera."""
+    """Return an end of a line (right, deep), moved along the line to the near plane if nearer."""
     if end[1] >= _NEAR_M:
         return end
     share = (_NEAR_M - end[1]) / (other[1] - end[1])
@@ -220,7 +220,7 @@ def _clipped(end: tuple[float, float], other: tuple[float, float]) -> tuple[floa
 
 
 def _runs(across: Lines, down: Lines) -> Iterator[tuple[int, int, tuple[int, int]]]:
-    """Yield runs of lines that share a level, from how many texels a pixel spans."""
+    """Yield runs of lines with the same level, from the number of texels per pixel."""
     both = np.log2(np.maximum(np.stack((across, down)), 1e-6)).round().astype(int)
     both = both.clip(0, _COARSEST)
     steps = np.flatnonzero(np.any(both[:, 1:] != both[:, :-1], axis=0)) + 1

@@ -10,7 +10,7 @@ from convseq_ros.errors import ConfigError, ConvseqError
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.methods import KINDS, make_method, parse_method
-from convseq_ros.evaluation.recognition import with_known
+from convseq_ros.evaluation.recognition import overridden
 from convseq_ros.evaluation.run_folder import EXTRA_COLUMNS, read_run
 from convseq_ros.results import COLUMNS
 import cv2
@@ -149,7 +149,7 @@ def test_the_score_matrices_of_a_set_are_shown_single_frame_and_in_sequence(
 @pytest.mark.parametrize(
     ('methods', 'problem'),
     [
-        (('convseq', 'convseq'), 'convseq: two methods of this label'),
+        (('convseq', 'convseq'), 'convseq: two methods have this label'),
         (('netvlad',), "method 'netvlad' is not one of convseq"),
         (('hog:file.npy',), 'expected hog'),
         (('scores',), 'expected scores:FILE.npy'),
@@ -168,7 +168,7 @@ def test_a_method_that_makes_no_sense_is_refused_in_one_line(
 
 
 def test_two_sets_of_one_name_are_refused(street, quick, tmp_path):
-    with pytest.raises(ConfigError, match='street: two data sets of this name'):
+    with pytest.raises(ConfigError, match='street: two data sets have this name'):
         run(street, quick, tmp_path / 'out', 'hog', files=[street.file] * 2)
 
 
@@ -241,7 +241,7 @@ def test_what_robots_run_decides_by_itself(accuracy):
 
 
 # The released script resizes by OpenCV's INTER_LINEAR.
-PAPER = with_known(Config(), {'matching': 'regional', 'search': 'exhaustive', 'resize': 'linear'})
+PAPER = overridden(Config(), {'matching': 'regional', 'search': 'exhaustive', 'resize': 'linear'})
 
 
 # Accuracies of the published matrices of ten techniques.
@@ -286,7 +286,7 @@ def test_a_text_names_label_kind_files_and_length(text, label, kind, argument, l
 
 
 def test_the_length_of_a_method_wins_over_the_parameter():
-    config = with_known(Config(), {'fixed_length': 7})
+    config = overridden(Config(), {'fixed_length': 7})
     lengths = {
         kind: make_method(parse_method(kind), config).config.sequence.fixed_length
         for kind, row in KINDS.items()
@@ -299,7 +299,7 @@ def test_the_length_of_a_method_wins_over_the_parameter():
 
 
 def test_the_published_method_matches_as_published():
-    config = with_known(Config(), {'matching': 'coherent', 'search': 'shortlist'})
+    config = overridden(Config(), {'matching': 'coherent', 'search': 'shortlist'})
     method = make_method(parse_method('cohog'), config)
     assert method.config.matching.matching == 'regional'
     assert method.config.matching.search == 'exhaustive'

@@ -7,8 +7,8 @@ from convseq_ros.errors import ConfigError, ConvseqError, SourceError
 from convseq_ros.evaluation.data_set import open_data_set, ready_made
 from convseq_ros.evaluation.material import open_material
 from convseq_ros.evaluation.truth import (
-    listed,
-    of_the_past,
+    from_pairs,
+    past_only,
     read_pairs,
     read_positions,
     same_index,
@@ -63,7 +63,7 @@ def yaml(**changes):
         (yaml(truth='{kind: poses}'), 'truth: poses has no radius_m'),
         (
             yaml(truth='{kind: identity, tolerance: -1}'),
-            'truth: tolerance, radius_m and first_index are not below 0',
+            'truth: tolerance, radius_m and first_index must not be negative',
         ),
         (yaml(truth='{kind: identity, tolerance: two}'), "tolerance: 'two' is not a number"),
         (yaml(reference=''), 'truth identity needs a reference'),
@@ -91,7 +91,7 @@ def test_an_unknown_name_lists_the_known_ones(tmp_path):
         (yaml(query='{path: query, count: 30}'), r'24 images in .*query, expected 30'),
         (yaml(query='{path: nowhere}'), 'nowhere is missing'),
         (yaml(truth='{kind: table, path: gt.csv}'), 'reference 99 does not exist, there are 24'),
-        (yaml(truth='{kind: table, path: empty.csv}'), 'gives no query a right reference'),
+        (yaml(truth='{kind: table, path: empty.csv}'), 'no query has a right reference'),
         (yaml(truth=POSES), '1 positions for 24 query'),
         (yaml(query='{path: query, backwards: true}', truth=POSES), 'poses cannot go backwards'),
     ],
@@ -142,13 +142,13 @@ def test_a_slip_is_off_by_three_to_five_frames_at_a_tolerance_of_two():
 
 
 def test_a_query_that_no_pair_names_is_unknown():
-    truth = listed(np.array([[1, 2]]), (3, 4), 0, 'table')
+    truth = from_pairs(np.array([[1, 2]]), (3, 4), 0, 'table')
     assert truth.known.tolist() == [False, True, False]
     assert columns(truth.right[1]) == [2]
 
 
 def test_a_pair_may_have_its_own_tolerance():
-    truth = listed(np.array([[0, 2, 1], [1, 2, 0]]), (2, 5), 9, 'table')
+    truth = from_pairs(np.array([[0, 2, 1], [1, 2, 0]]), (2, 5), 9, 'table')
     assert [columns(row) for row in truth.right] == [[1, 2, 3], [2]]
 
 
@@ -157,7 +157,7 @@ def test_a_pair_may_have_its_own_tolerance():
 )
 def test_a_pair_of_frames_that_do_not_exist_is_refused(pair, text):
     with pytest.raises(SourceError, match=f'gt.csv: {text}'):
-        listed(np.array([pair]), (3, 4), 0, 'gt.csv')
+        from_pairs(np.array([pair]), (3, 4), 0, 'gt.csv')
 
 
 def test_positions_within_the_radius_are_right_and_a_missing_one_never_is():
@@ -168,7 +168,7 @@ def test_positions_within_the_radius_are_right_and_a_missing_one_never_is():
 
 
 def test_against_its_own_past_only_what_is_past_for_long_is_right():
-    truth = of_the_past(Truth(np.ones((4, 4), bool)), 2)
+    truth = past_only(Truth(np.ones((4, 4), bool)), 2)
     assert [columns(row) for row in truth.right] == [[], [], [0], [0, 1]]
 
 

@@ -15,7 +15,7 @@ from convseq_ros.evaluation.scorecard import (
     decisions,
     figures,
     first_closures,
-    own_threshold,
+    threshold_figures,
     Verdicts,
 )
 from hypothesis import given, settings, strategies
@@ -171,7 +171,7 @@ def test_without_answers_there_are_no_figures():
 
 def test_a_threshold_lets_through_what_beats_all_wrong_answers():
     # By margin both right answers beat the wrong one, by score only one does.
-    found = own_threshold(verdicts(), [''] * 5)
+    found = threshold_figures(verdicts(), [''] * 5)
     assert found == {
         'own_threshold': 0.1,
         'own_threshold_by': 'margin',
@@ -180,11 +180,11 @@ def test_a_threshold_lets_through_what_beats_all_wrong_answers():
     }
     values = {'score': np.array([np.nan, 0.9, 0.6, 0.5, 0.85])}
     unknown = dict.fromkeys(('margin', 'confidence'), np.full(5, np.nan))
-    found = own_threshold(verdicts(values=values | unknown), [''] * 5)
+    found = threshold_figures(verdicts(values=values | unknown), [''] * 5)
     assert found['own_threshold'] == 0.85 and found['own_threshold_by'] == 'score'
 
 
 def test_where_no_answer_is_wrong_everything_is_taken():
-    found = own_threshold(verdicts(correct=np.array([0, 1, 1, 1, 1], bool)), [''] * 5)
+    found = threshold_figures(verdicts(correct=np.array([0, 1, 1, 1, 1], bool)), [''] * 5)
     assert found['own_threshold'] is None
     assert found['own_threshold_recall'] == 1

@@ -8,10 +8,10 @@ from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.core.sequence.query_buffer import choose_length
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Reason
-from convseq_ros.evaluation.given_scores import answers_to, PairScores, rank_references
+from convseq_ros.evaluation.given_scores import PairScores, rank_references, recognize_given
 from convseq_ros.evaluation.methods import Kind, Method, MethodName
-from convseq_ros.evaluation.protocols import ask, OPEN
-from convseq_ros.evaluation.recognition import recognize, with_known
+from convseq_ros.evaluation.protocols import OPEN, run_protocol
+from convseq_ros.evaluation.recognition import overridden, recognize
 import numpy as np
 import pytest
 
@@ -21,11 +21,11 @@ import pytest
 def test_a_matrix_gives_the_candidates_of_the_recogniser(street, quick, fixed_length, matching):
     asked = {'fixed_length': fixed_length, 'matching': matching, 'search': 'exhaustive'}
     # Given scores have no geometry, so the margin decides.
-    config = with_known(quick, asked | {'acceptance_rule': 'margin'})
+    config = overridden(quick, asked | {'acceptance_rule': 'margin'})
     material = street.open()
     query, reference = material.drives(config.encoding)
     said = recognize(material, config)
-    given, scores = answers_to(said.rows, query, reference.reference_map, config)
+    given, scores = recognize_given(said.rows, query, reference.reference_map, config)
     lengths = [match.sequence_length for match in said.matches]
     assert [match.sequence_length for match in given] == lengths
     assert sum(length > 0 for length in lengths) > 15
@@ -68,8 +68,8 @@ def test_a_part_of_the_map_answers_like_a_map_of_that_part(street, quick):
 def test_scores_are_means_over_the_frames_of_the_window(street, quick):
     query, reference = street.open().drives(quick.encoding)
     rows = np.random.default_rng(1).random((24, 24), np.float32)
-    config = with_known(quick, {'fixed_length': 3})
-    _, scores = answers_to(rows, query, reference.reference_map, config)
+    config = overridden(quick, {'fixed_length': 3})
+    _, scores = recognize_given(rows, query, reference.reference_map, config)
     for frame, place in np.ndindex(24, 24):
         expected = -np.inf
         if frame >= 2 and place >= 2:
@@ -82,7 +82,7 @@ def test_lengths_are_chosen_by_the_frames_of_the_window(street, quick):
     rows, similarity = np.eye(24, dtype=np.float32), PaperSimilarity()
     past = [query.descriptors[index::-1] for index in range(24)]
     expected = [choose_length(frames, similarity, quick.sequence) or 0 for frames in past]
-    found, _ = answers_to(rows, query, reference.reference_map, quick)
+    found, _ = recognize_given(rows, query, reference.reference_map, quick)
     assert [one.sequence_length for one in found] == expected
 
 
@@ -93,8 +93,8 @@ def test_rows_without_any_score_are_passed_over(street, quick):
     scores = rank_references(rows, query, [3] * 24)
     assert not np.isfinite(scores[5]).any()
     assert scores[6].argmax() == 6
-    config = with_known(quick, {'fixed_length': 3})
-    found, _ = answers_to(rows, query, reference.reference_map, config)
+    config = overridden(quick, {'fixed_length': 3})
+    found, _ = recognize_given(rows, query, reference.reference_map, config)
     assert found[5].reason is Reason.UNINFORMATIVE and not found[5].candidates
     assert found[6].best.reference_index == 6
 
@@ -106,7 +106,7 @@ def test_a_method_may_decide_itself_in_every_part_of_the_map(street, quick):
 
     pairs = PairScores(np.eye(24, dtype=np.float32), 2.0, 1.0, detect=detect, place_bytes=8)
     method = Method(MethodName('own', 'own'), Kind(lambda *_: pairs), quick)
-    outcome = ask(street.open(), method, OPEN)
+    outcome = run_protocol(street.open(), method, OPEN)
     found = [one.accepted.reference_index if one.accepted else None for one in outcome.matches]
     expected = []
     for first in (0, 12, 6):

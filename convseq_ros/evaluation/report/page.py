@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page put together from its parts; it needs no network and no other file."""
+"""Builds the HTML page; it needs no network and no other file."""
 
 import base64
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from convseq_ros.evaluation.run_folder import write_text
 from convseq_ros.evaluation.table import best_of, HEADINGS, summary_rows, text_of
 from convseq_ros.regular_file import read_bytes
 
-_MOST_FRAMES = 2000  # of all sets together whose pairs are shown: some 20 MB
+_MOST_FRAMES = 2000  # with pairs, over all sets: about 20 MB
 _SOURCE = 'argv', 'date', 'machine', 'versions', 'criterion', 'configuration', 'k_distribution'
 _PROTOCOLS = {
     'closed': 'every query has an answer in the map',
@@ -28,11 +28,11 @@ _PROTOCOLS = {
 
 
 def write_report(runs: Sequence[Shown], output: Path) -> None:
-    """Write the page of some runs; of very many frames, some are left out among the pairs."""
+    """Write the page of the runs; above _MOST_FRAMES, only every n-th pair is included."""
     by_set: dict[str, list[Shown]] = {}
-    for one in runs:
-        by_set.setdefault(one.run.set, []).append(one)
-    frames = sum(max(len(one.rows) for one in own) for own in by_set.values())
+    for run in runs:
+        by_set.setdefault(run.run.set, []).append(run)
+    frames = sum(max(len(run.rows) for run in set_runs) for set_runs in by_set.values())
     step = -(-frames // _MOST_FRAMES)
     machine = runs[0].run.summary.get('machine') or {}
     facts = str(runs[0].run.summary.get('date', ''))[:10], str(machine.get('cpu', ''))
@@ -52,24 +52,24 @@ def write_report(runs: Sequence[Shown], output: Path) -> None:
 
 
 def _table(runs: Sequence[Shown]) -> str:
-    """Return the table of all runs, with the columns of the terminal's."""
+    """Return the HTML table of all runs, with the columns of the terminal's table."""
     rows = summary_rows(
-        [{**one.run.summary, 'set': one.run.set, 'method': one.name} for one in runs]
+        [{**run.run.summary, 'set': run.run.set, 'method': run.name} for run in runs]
     )
     names = [name for name in HEADINGS if any(row[name] not in (None, '') for row in rows)][2:]
     heads = ''.join(f'<th scope="col">{escape(HEADINGS[name])}</th>' for name in names)
     body = ''
-    for one, row in zip(runs, rows, strict=True):
-        own = [other for other in rows if other['set'] == row['set']]
+    for run, row in zip(runs, rows, strict=True):
+        peers = [other for other in rows if other['set'] == row['set']]
         cells = ''.join(
-            f'<td{" class=best" * (row[name] is not None and row[name] == best_of(own, name))}>'
+            f'<td{" class=best" * (row[name] is not None and row[name] == best_of(peers, name))}>'
             f'{escape(text_of(row[name]))}</td>'
             for name in names
         )
-        link = escape(f'#{quote(one.run.set)}/{quote(one.name)}')
+        link = escape(f'#{quote(run.run.set)}/{quote(run.name)}')
         body += (
-            f'<tr><th scope="row">{escape(one.run.set)}</th><th scope="row"><a href="{link}">'
-            f'{escape(one.name)}</a></th>{cells}</tr>'
+            f'<tr><th scope="row">{escape(run.run.set)}</th><th scope="row"><a href="{link}">'
+            f'{escape(run.name)}</a></th>{cells}</tr>'
         )
     return (
         '<table><thead><tr><th scope="col">set</th><th scope="col">method</th>'
@@ -84,7 +84,7 @@ def _section(runs: Sequence[Shown]) -> str:
     facts += [f'{about[key]} {key}' for key in ('queries', 'references') if about.get(key)]
     facts += [f'tolerance ±{about["tolerance"]} frames'] if about.get('tolerance') else []
     facts += [f'within {about["radius_m"]} m'] if about.get('radius_m') else []
-    charts = [*set_charts(runs), *(chart for one in runs for chart in run_charts(one))]
+    charts = [*set_charts(runs), *(chart for run in runs for chart in run_charts(run))]
     figures = ''.join(
         f'<figure>{svg(figure, f"{what} on {name}: {caption}")}'
         f'<figcaption>{escape(caption)}</figcaption></figure>'
@@ -97,39 +97,39 @@ def _section(runs: Sequence[Shown]) -> str:
     )
 
 
-def _source(one: Shown) -> str:
-    """Return how a run came about, to be unfolded on the page."""
-    told = json.dumps({key: one.run.summary.get(key) for key in _SOURCE}, indent=1)
-    name = f'{escape(one.run.set)} / {escape(one.name)}'
-    return f'<details><summary>{name}</summary><pre>{escape(told)}</pre></details>'
+def _source(run: Shown) -> str:
+    """Return the provenance of a run, folded on the page."""
+    facts = json.dumps({key: run.run.summary.get(key) for key in _SOURCE}, indent=1)
+    name = f'{escape(run.run.set)} / {escape(run.name)}'
+    return f'<details><summary>{name}</summary><pre>{escape(facts)}</pre></details>'
 
 
 def _pairs(runs: Sequence[Shown], step: int) -> dict[str, Any]:
-    """Return what the script shows: a row for every `step`-th frame, and each picture once."""
+    """Return the data of the page's script: every `step`-th frame's row, each picture once."""
     pictures: dict[str, int] = {}
     numbers: dict[Path, int | None] = {}
 
-    def picture(one: Shown, drive: str, index: int | None) -> int | None:
-        path = None if index is None else one.run.thumbnail(drive, index)
+    def picture(run: Shown, drive: str, index: int | None) -> int | None:
+        path = None if index is None else run.run.thumbnail(drive, index)
         if path is None:
             return None
         if path not in numbers:
-            content = read_bytes(path, 'a thumbnail', one.run.reading.refuse_file)
-            whole = content.startswith(b'\xff\xd8\xff') and content.endswith(b'\xff\xd9')
+            content = read_bytes(path, 'a thumbnail', run.run.reading.refuse_file)
+            is_complete = content.startswith(b'\xff\xd8\xff') and content.endswith(b'\xff\xd9')
             uri = f'data:image/jpeg;base64,{base64.b64encode(content).decode()}'
-            numbers[path] = pictures.setdefault(uri, len(pictures)) if whole else None
+            numbers[path] = pictures.setdefault(uri, len(pictures)) if is_complete else None
         return numbers[path]
 
-    def told(one: Shown, row: Row) -> list[Any]:
+    def row_data(run: Shown, row: Row) -> list[Any]:
         sides = ('query', row.query), ('reference', row.best), ('reference', row.truth)
-        return [row.verdict, *row.told, *(picture(one, *side) for side in sides)]
+        return [row.verdict, *row.texts, *(picture(run, *side) for side in sides)]
 
-    shown = [
+    data = [
         {
-            'set': one.run.set,
-            'method': one.name,
-            'rows': [told(one, row) for row in one.rows[::step]],
+            'set': run.run.set,
+            'method': run.name,
+            'rows': [row_data(run, row) for row in run.rows[::step]],
         }
-        for one in runs
+        for run in runs
     ]
-    return {'runs': shown, 'pictures': list(pictures)}
+    return {'runs': data, 'pictures': list(pictures)}

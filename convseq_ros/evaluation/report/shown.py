@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a report shows of each run: all of it is read, and checked, before anything is drawn."""
+"""The content of a report: all runs are read and checked before anything is drawn."""
 
 from collections.abc import Iterable, Mapping
 import csv
@@ -22,24 +22,24 @@ _DAMAGED = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What became of one query."""
+    """The result of one query."""
 
     query: int
     verdict: str  # right or wrong if it was accepted, rejected, or skipped without a candidate
     best: int | None  # the best candidate
-    truth: int | None  # the right reference to show, also where this map lacks it
+    truth: int | None  # the right reference to show, even if this map lacks it
     length: int  # frames matched together
     entropy: float | None
-    half: str  # which part of the map was kept
-    told: tuple[str, str, str, str]  # in words: the verdict, the query, the match, the truth
+    half: str  # name of the kept part of the map
+    texts: tuple[str, str, str, str]  # about the verdict, the query, the match and the truth
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A run, read and checked."""
+    """A run that was read and checked."""
 
     run: Run
-    name: str  # of the method, told apart from another run of that name
+    name: str  # of the method, made unique
     about: Mapping[str, Any]
     rows: list[Row]
     curve: npt.NDArray[np.float64]  # (T, 2), recall and precision
@@ -49,13 +49,13 @@ class Shown:
 
 def read_runs(folders: Iterable[Path], reading: ReadingConfig = ReadingConfig()) -> list[Shown]:
     """Return the runs of folders, the best of each set first; ConvseqError if one is damaged."""
-    found: dict[tuple[str, str], Shown] = {}
+    runs: dict[tuple[str, str], Shown] = {}
     for folder in folders:
         for run in read_run(folder, reading):
-            is_new = (run.set, run.method) not in found
+            is_new = (run.set, run.method) not in runs
             name = run.method if is_new else f'{run.method} ({folder.name})'
             try:
-                found[run.set, name] = _shown(run, name)
+                runs[run.set, name] = _shown(run, name)
             except SourceError:
                 raise
             except _DAMAGED as error:
@@ -63,25 +63,25 @@ def read_runs(folders: Iterable[Path], reading: ReadingConfig = ReadingConfig())
                     f'{run.folder}: damaged results ({one_line(error, 100)}); '
                     'run `convseq evaluate` again'
                 ) from None
-    sets = list(dict.fromkeys(one.run.set for one in found.values()))
+    sets = list(dict.fromkeys(one.run.set for one in runs.values()))
 
     def order(one: Shown) -> tuple[int, float, str]:
         best = one.run.summary.get('accuracy_matched')
         return sets.index(one.run.set), -float(best or 0), one.name
 
-    return sorted(found.values(), key=order)
+    return sorted(runs.values(), key=order)
 
 
 def right_to_show(right: npt.NDArray[np.bool_], best: int | None) -> int | None:
-    """Return the middle of the run of right references (R,) nearest to the best, or longest."""
-    there = np.flatnonzero(right)
-    if not len(there):
+    """Return the middle of the run of right references (R,) nearest to `best`, or the longest."""
+    indices = np.flatnonzero(right)
+    if not len(indices):
         return None
-    runs = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)
+    runs = np.split(indices, np.flatnonzero(np.diff(indices) > 1) + 1)
     if best is None:
         run = max(runs, key=len)
     else:
-        run = min(runs, key=lambda one: int(abs(one - best).min()))
+        run = min(runs, key=lambda indices: int(abs(indices - best).min()))
     return int(run[(len(run) - 1) // 2])
 
 
@@ -101,11 +101,11 @@ def _shown(run: Run, name: str) -> Shown:
             raise ValueError(f'frames.csv: row {position + 1} is damaged: {error}') from None
     if not rows:
         raise ValueError('no frames')
-    if any(one is not None and one.ndim != 2 for one in (truth, scores)):
-        raise ValueError('truth or scores are no matrix')
+    if any(matrix is not None and matrix.ndim != 2 for matrix in (truth, scores)):
+        raise ValueError('truth or scores are not a matrix')
     path = run.folder / 'curve.csv'
     points = read_table(path, run.reading) if path.exists() else []
-    curve = np.array([(float(one['recall']), float(one['precision'])) for one in points])
+    curve = np.array([(float(item['recall']), float(item['precision'])) for item in points])
     return Shown(run, name, about, rows, curve.reshape(-1, 2), scores, truth)
 
 
@@ -126,10 +126,10 @@ def _row(row: Mapping[str, str], truth: npt.NDArray[np.bool_] | None) -> Row:
     figures += [f'inliers {row["inliers"]}'] if row.get('inliers') else []
     place = 'not in the map' if right is None else f'reference {right}'
     place += '' if right is None or is_known else ', left out of this map'
-    told = (
+    texts = (
         f'{sentence}.',
         f'Query {query}\nk {length}' + ('' if entropy is None else f', entropy {entropy:.3f}'),
         f'{"No match" if best is None else f"Match: reference {best}"}\n{", ".join(figures)}',
         f'Truth: {place}',
     )
-    return Row(query, verdict, best, right, int(length or 0), entropy, half, told)
+    return Row(query, verdict, best, right, int(length or 0), entropy, half, texts)
