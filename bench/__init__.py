@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Measures the package that is installed, with its kernels.
+Measures the installed package, with its kernels.
 
 `python -m` puts the sources in this folder first, which have none; they are left out if there is
 an installed package, or a path to another in PYTHONPATH.

@@ -26,11 +26,11 @@ _FRAMES, _QUICK_FRAMES = 120, 22
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure the parts that are asked for."""
+    """Measure the chosen parts."""
     chosen = _parser().parse_args(arguments)
     if not chosen.page_only:
-        with tempfile.TemporaryDirectory(prefix='convseq_bench_') as own:
-            _measure(chosen, chosen.folder or Path(own))
+        with tempfile.TemporaryDirectory(prefix='convseq_bench_') as folder:
+            _measure(chosen, chosen.folder or Path(folder))
     if chosen.page or chosen.page_only:
         write_page(json.loads(chosen.json.read_text(encoding='utf-8')), chosen.docs)
     return 0
@@ -41,7 +41,7 @@ def _measure(chosen: argparse.Namespace, folder: Path) -> None:
     sizes = tuple(chosen.sizes or (_QUICK_SIZES if chosen.quick else SIZES))
     start_s = time.monotonic()
     about = described()
-    _say(f'drawing a street and writing maps of {", ".join(f"{size:,}" for size in sizes)}')
+    _show(f'drawing a street and writing maps of {", ".join(f"{size:,}" for size in sizes)}')
     about['frames'] = _QUICK_FRAMES if chosen.quick else _FRAMES
     prepare(folder, sizes, about['frames'])
     findings = []
@@ -51,7 +51,7 @@ def _measure(chosen: argparse.Namespace, folder: Path) -> None:
                 continue
             if chosen.best_kernels and setting.kernels:
                 continue
-            _say(f'{name}, {setting.threads} threads{setting.kernels and f", {setting.kernels}"}')
+            _show(f'{name}, {setting.threads} threads{setting.kernels and f", {setting.kernels}"}')
             findings += run(name, setting, folder, sizes, chosen.quick)
     about['seconds'] = round(time.monotonic() - start_s)
     about['parts'] = list(chosen.parts or PARTS)
@@ -67,18 +67,18 @@ def _measure(chosen: argparse.Namespace, folder: Path) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='bench', description=__doc__.splitlines()[1])
     parser.add_argument('parts', nargs='*', metavar='PART', help=f'of {", ".join(PARTS)} (all)')
-    parser.add_argument('--quick', action='store_true', help='tiny: only to see that it runs')
+    parser.add_argument('--quick', action='store_true', help='tiny: only checks that it runs')
     parser.add_argument('--sizes', type=int, nargs='+', help='references of the maps')
-    parser.add_argument('--folder', type=Path, help='keep maps there, and use those that are')
+    parser.add_argument('--folder', type=Path, help='keep and reuse maps in this folder')
     parser.add_argument('--json', type=Path, default=Path('docs/performance.json'))
-    parser.add_argument('--docs', type=Path, default=Path('docs'), help='where the page goes')
-    parser.add_argument('--best-kernels', action='store_true', help='no others of this machine')
+    parser.add_argument('--docs', type=Path, default=Path('docs'), help='folder of the page')
+    parser.add_argument('--best-kernels', action='store_true', help='only the best kernels')
     parser.add_argument('--page', action='store_true', help='also write the page')
     parser.add_argument('--page-only', action='store_true', help='only write the page anew')
     return parser
 
 
-def _say(text: str) -> None:
+def _show(text: str) -> None:
     print(f'bench: {text}', file=sys.stderr, flush=True)
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the inner loops cost on ARM, computed: `python -m bench.arm`, from the repository.
+Compute the cost of the inner loops on ARM: `python -m bench.arm`, from the repository.
 
 GCC compiles the kernels for ARM, and llvm-mca counts the cycles of a tile of a coherent pair on a
 Neoverse N1, the sister of Cortex-A76. Nothing is run. Needs aarch64-linux-gnu-gcc and llvm-mca of
@@ -22,34 +22,34 @@ _FLAGS = (
 ).split()
 _MCA = 'llvm-mca-16 -mtriple=aarch64 -mcpu=neoverse-n1 -mattr=+dotprod'.split()
 _ITERATIONS = 200
-_PRODUCTS = {'dotprod': 'sdot', 'neon': 'smull'}  # one for 16 bytes and 16 others
-PEAK = 2.0  # products of 128 bits a cycle, of both vector pipes
+_PRODUCTS = {'dotprod': 'sdot', 'neon': 'smull'}  # per product of 16 bytes with 16 bytes
+PEAK = 2.0  # products of 128 bits per cycle, with both vector pipes
 GHZ = 2.4  # of a Raspberry Pi 5
-# A pair of 650 salient regions with 900, tiles of 10 by 8, 8 steps of four numbers.
+# A pair of 650 and 900 salient regions, in tiles of 10 by 8, with 8 steps of four numbers.
 _TILES, _BLOCKS, _STEPS, _ROWS = 65, 113, 8, 10
 _IN_TILE = 2 * _ROWS * _STEPS
 
 
 def computed() -> list[dict[str, object]]:
-    """Return, for each kind of processor, what a tile of a coherent pair costs."""
-    found = []
+    """Return the cost of a tile of a coherent pair, for each kind of processor."""
+    rows = []
     for kind, name in _PRODUCTS.items():
         source = str(_NATIVE / f'{kind}.c')
         command = ['aarch64-linux-gnu-gcc', *_FLAGS, '-S', source, '-o', '-']
         text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-        # The longest has labels and maxima besides: that of coherent pairs.
+        # The longest loop, with labels and maxima, is that of coherent pairs.
         full = (body for body in _loops(text) if _sum(body, name) == _IN_TILE)
         loop = max(full, key=len)
         cycles = _cycles(loop)
         share = _IN_TILE / cycles / PEAK
         pair_ms = _TILES * _BLOCKS * cycles / GHZ / 1e6
-        told = {'cycles': round(cycles, 1), 'products': _IN_TILE, 'share': round(share, 3)}
-        found.append({'kind': kind, **told, 'pair_ms': round(pair_ms, 3)})
-    return found
+        costs = {'cycles': round(cycles, 1), 'products': _IN_TILE, 'share': round(share, 3)}
+        rows.append({'kind': kind, **costs, 'pair_ms': round(pair_ms, 3)})
+    return rows
 
 
 def _loops(text: str) -> Iterator[list[str]]:
-    """Yield the instructions of each innermost loop of an assembler's text."""
+    """Yield the instructions of each innermost loop of an assembler text."""
     lines, labels = text.split('\n'), dict[str, int]()
     for index, line in enumerate(lines):
         if label := re.match(r'(\.L\d+):', line):
@@ -67,11 +67,11 @@ def _sum(body: list[str], name: str) -> int:
 
 def _cycles(body: list[str]) -> float:
     command = [*_MCA, f'-iterations={_ITERATIONS}']
-    told = subprocess.run(
+    output = subprocess.run(
         command, input='\n'.join(body) + '\n', capture_output=True, text=True, check=True
     ).stdout
-    total = re.search(r'Total Cycles:\s+(\d+)', told)
-    assert total, told
+    total = re.search(r'Total Cycles:\s+(\d+)', output)
+    assert total, output
     return int(total[1]) / _ITERATIONS
 
 
@@ -94,15 +94,15 @@ def section(rows: list[dict[str, object]]) -> str:
 
 
 def main() -> int:
-    """Write what was computed."""
+    """Write the computed costs."""
     for tool in ('aarch64-linux-gnu-gcc', _MCA[0]):
         if not shutil.which(tool):
             print(f'bench.arm: needs {tool}; apt install gcc-aarch64-linux-gnu llvm-16')
             return 1
-    found = computed()
-    lines = json.dumps(found, indent=1) + '\n'
+    rows = computed()
+    lines = json.dumps(rows, indent=1) + '\n'
     Path('docs/performance_arm.json').write_text(lines, encoding='utf-8')
-    print(section(found))
+    print(section(rows))
     return 0
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What was measured, one row at a time, and the rows as text."""
+"""Measurements, one per row, and the rows as text."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -12,23 +12,23 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """What was measured of one side."""
+    """One measurement."""
 
-    what: str  # was done
-    side: str = ''  # which part of it, or by whom
-    value: float | None = None  # the median; None if not measured, and `note` says why
+    what: str  # the measured operation
+    side: str = ''  # the part of it, or the program
+    value: float | None = None  # the median; None if not measured, with the reason in `note`
     unit: str = 'ms'  # of the numbers
-    threads: int = 1  # that it was allowed; so many cores, too
+    threads: int = 1  # allowed threads, and number of cores
     low: float | None = None  # quartiles over the runs
     high: float | None = None
     runs: int = 1
-    most: float | None = None  # what is wanted of `value`
+    most: float | None = None  # target of `value`
     least: float | None = None
     note: str = ''
 
 
 def is_met(row: Row) -> bool | None:
-    """Return whether a target was reached; None if there is none, or nothing was measured."""
+    """Return whether the target was reached; None without a target or a measurement."""
     value, most, least = row['value'], row['most'], row['least']
     if value is None or (most is None and least is None):
         return None
@@ -36,15 +36,15 @@ def is_met(row: Row) -> bool | None:
 
 
 def cells(row: Row) -> list[str]:
-    """Return a finding as text, column by column."""
+    """Return the cells of a finding as text, in the order of COLUMNS."""
     value, unit = row['value'], row['unit']
-    wanted = [('at most', row['most']), ('at least', row['least'])]
+    targets = [('at most', row['most']), ('at least', row['least'])]
     return [
         row['what'],
         row['side'],
         str(row['threads']),
         'not measured' if value is None else f'{number(value)} {unit}',
-        ', '.join(f'{how} {number(one)} {unit}' for how, one in wanted if one is not None),
+        ', '.join(f'{how} {number(limit)} {unit}' for how, limit in targets if limit is not None),
         {None: '', True: 'met', False: 'missed'}[is_met(row)],
         row['note'],
     ]
@@ -58,5 +58,5 @@ def table(lines: Iterable[list[str]]) -> str:
 
 
 def number(value: float) -> str:
-    """Return a number with three digits that count."""
+    """Return a number as text with three significant digits."""
     return f'{value:,.0f}' if abs(value) >= 100 else f'{value:.3g}'

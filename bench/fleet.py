@@ -3,9 +3,9 @@
 """
 Measure a fleet: `python -m bench.fleet frames --places 100000` or `... build`.
 
-`frames`: one map holds a drawn street, which is driven again in the evening; the others have no
-file, but so many places that look like its images mirrored, with other global descriptors.
-`build` draws short recordings and builds their maps on one worker and on some.
+`frames`: one map holds a drawn street, which is driven again in the evening. The other maps have
+no content on disk. Their places are mirrored images of the first map, with other global
+descriptors. `build` draws short recordings and builds their maps on one worker and on several.
 """
 
 import argparse
@@ -36,31 +36,31 @@ import numpy as np
 
 from bench import material
 
-FIRST = 2000  # places of the map that holds the street, whose images the others repeat
+FIRST = 2000  # places of the map of the street; the other maps repeat its images
 FRAMES = 200  # of the drive through the street
-WARM = 30  # first frames, which do not count: buffers and caches fill
-SPREAD = 0.02  # by which global descriptors of the others differ from those
+WARM = 30  # first frames, not counted: buffers and caches fill
+SPREAD = 0.02  # deviation of the other maps' global descriptors
 
 
 def open_thin(first: Path, count: int) -> None:
-    """Have this process open maps of so many places that have no file, but cells of the first."""
-    known = open_map(first)
-    cells = [np.flip(one, 1).copy() for one in known.packed_of(range(FIRST))]
+    """Let this process open maps of `count` places without content, with the first map's cells."""
+    source = open_map(first)
+    cells = [np.flip(packed, 1).copy() for packed in source.packed_of(range(FIRST))]
 
     def opened(path: Path) -> ReferenceMap:
         if not path.name.startswith('thin-'):
             return open_map(path)
         rng, places = (
             np.random.default_rng(int(path.stem[5:])),
-            Places(known.global_descriptors.shape[1], count),
+            Places(source.global_descriptors.shape[1], count),
         )
         kinds = rng.permutation(FIRST)
         for start in range(0, count, FIRST):
-            some = known.global_descriptors[kinds[: count - start]]
-            noise = np.float32(SPREAD) * rng.standard_normal(some.shape, np.float32)
+            descriptors = source.global_descriptors[kinds[: count - start]]
+            noise = np.float32(SPREAD) * rng.standard_normal(descriptors.shape, np.float32)
             rows = (
-                (at, at * 10**8, f'{path.stem}/{at:07}.png', *[None] * 7, 0, one.tobytes(), 0)
-                for at, one in enumerate((some + noise).astype(np.float16), start)
+                (at, at * 10**8, f'{path.stem}/{at:07}.png', *[None] * 7, 0, row.tobytes(), 0)
+                for at, row in enumerate((descriptors + noise).astype(np.float16), start)
             )
             places.extend([*rows])
         sessions = [MapSession(path.name, path.stem, 0)]
@@ -68,7 +68,7 @@ def open_thin(first: Path, count: int) -> None:
         def pictures(indices: Sequence[int], _with_images: bool = False) -> list[Picture]:
             return [Picture(cells[kinds[index % FIRST]]) for index in indices]
 
-        return ReferenceMap(known.encoding, places, pictures, known.keyframes, sessions=sessions)
+        return ReferenceMap(source.encoding, places, pictures, source.keyframes, sessions=sessions)
 
     shard.open_map = opened
 
@@ -79,7 +79,7 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
     material.prepare(folder, (FIRST,), FRAMES)
     first = material.map_path(folder, FIRST)
     paths = [folder / f'thin-{number}.db' for number in range(1, chosen.maps)]
-    for path in paths:  # holes, as large as a map: by size, maps are shared out
+    for path in paths:  # sparse files as large as a map: maps are distributed by size
         path.touch()
         os.truncate(path, each * first.stat().st_size // FIRST)
     with connected(Cluster(workers=chosen.workers, are_threads=chosen.threads)) as client:
@@ -100,7 +100,7 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
                 off = abs(match.best.reference_index - material.truth(index, FIRST, FRAMES))
                 right += off <= 2
         count, here_s = len(took_ms) - WARM, time.process_time() - busy_s[1]
-        workers_s = [then - busy_s[0][one] for one, then in client.run(time.process_time).items()]
+        workers_s = [now - busy_s[0][name] for name, now in client.run(time.process_time).items()]
         return {
             'places': session.count,
             'maps': chosen.maps,
@@ -108,8 +108,8 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
             'opened_s': opened_s,
             'frame_ms': statistics.median(took_ms[WARM:]),
             'p95_ms': float(np.percentile(took_ms[WARM:], 95)),
-            'here_busy_ms': 1e3 * here_s / count,  # of a processor's time, a frame
-            'workers_busy_ms': [1e3 * one / count for one in workers_s],
+            'here_busy_ms': 1e3 * here_s / count,  # CPU time per frame
+            'workers_busy_ms': [1e3 * worker_s / count for worker_s in workers_s],
             'worker_mb': max(client.run(material.resident_mb).values()),
             'empty_worker_mb': empty_mb,
             'here_mb': material.resident_mb(),
@@ -120,23 +120,23 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
 
 
 def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
-    """Measure the same recordings on one worker and on some."""
+    """Measure the same recordings on one worker and on several."""
     for number in range(chosen.recordings):
-        own = folder / 'recordings' / f'drive_{number:02}'
-        own.mkdir(parents=True)
+        recording = folder / 'recordings' / f'drive_{number:02}'
+        recording.mkdir(parents=True)
         street = Street(length_m=chosen.images + 60, seed=number)
         for at, shot in enumerate(draw(street, Drive(num_frames=chosen.images, seed=number))):
-            cv2.imwrite(str(own / f'{at:03}.png'), shot.image)
+            cv2.imwrite(str(recording / f'{at:03}.png'), shot.image)
     took_s: dict[int, list[float]] = {}
     for workers in (1, chosen.workers, 1, chosen.workers):
         maps = Path(tempfile.mkdtemp(dir=folder))
         with connected(Cluster(workers=workers)) as client:
-            client.run(material.resident_mb)  # all are there
+            client.run(material.resident_mb)  # wait for all workers
             jobs = {
                 path.name: (path, maps / f'{path.name}.db', Config())
                 for path in sorted((folder / 'recordings').iterdir())
             }
-            # Once for imports and kernels of each worker.
+            # A first run, for the imports and kernels of each worker.
             warm = {name: (path, maps / f'warm-{name}.db', *rest)
                     for name, (path, _, *rest) in [*jobs.items()][: 2 * workers]}  # fmt: skip
             [*finished_jobs(client, build_one, warm)]
@@ -151,7 +151,7 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
 
 
 def main() -> int:
-    """Measure one of the two and print it as JSON."""
+    """Run one of the two measurements and print it as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('what', choices=['frames', 'build'])
     parser.add_argument('--places', type=int, default=100_000)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the figures were measured on: libraries, the clock, and the most that a core multiplies."""
+"""The machine of the measurements: libraries, clock, and peak multiplication rate of a core."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -18,9 +18,9 @@ from convseq_ros.evaluation.provenance import provenance
 import numpy as np
 
 _SIDE = 1024  # of the matrices that BLAS multiplies
-_ACCUMULATORS, _LOOPS = 12, 500_000  # of the kernel `peak`, and how often it runs
+_ACCUMULATORS, _LOOPS = 12, 500_000  # of the kernel `peak`, and its number of runs
 _ROUNDS = 15
-# Each addition waits for the one before it, and takes one cycle on every processor.
+# Each addition depends on the previous one, and takes one cycle on every processor.
 _CHAIN = r"""
 #include <stdio.h>
 #include <time.h>
@@ -46,9 +46,9 @@ int main(void) {
 
 def described() -> dict[str, Any]:
     """Return machine, kernels, libraries and date, ready for JSON."""
-    found = provenance()
+    facts = provenance()
     blas = np.show_config(mode='dicts')['Build Dependencies']['blas']
-    found['machine'] |= {
+    facts['machine'] |= {
         'cores': len(os.sched_getaffinity(0)),
         'memory_gb': round(os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 1e9, 1),
         'kernels': library().variant or 'none',
@@ -56,11 +56,11 @@ def described() -> dict[str, Any]:
         'load': round(os.getloadavg()[0], 2),
         'clock_ghz': clock_ghz(),
     }
-    return found
+    return facts
 
 
 def clock_ghz() -> float | None:
-    """Return the clock of a core that works; what the system says where there is no compiler."""
+    """Return the measured clock of a busy core; without a compiler, the clock of /proc/cpuinfo."""
     if compiler := shutil.which('cc') or shutil.which('gcc'):
         with (
             tempfile.TemporaryDirectory() as folder,
@@ -69,33 +69,33 @@ def clock_ghz() -> float | None:
             program = f'{folder}/chain'
             build = [compiler, '-O1', '-x', 'c', '-', '-o', program]
             subprocess.run(build, input=_CHAIN, text=True, check=True, capture_output=True)
-            told = subprocess.run([program], text=True, check=True, capture_output=True)
-            return float(told.stdout)
+            done = subprocess.run([program], text=True, check=True, capture_output=True)
+            return float(done.stdout)
     with suppress(OSError):
-        told_mhz = re.search(r'cpu MHz\s*:\s*([\d.]+)', Path('/proc/cpuinfo').read_text())
-        return round(float(told_mhz[1]) / 1e3, 2) if told_mhz else None
+        reported_mhz = re.search(r'cpu MHz\s*:\s*([\d.]+)', Path('/proc/cpuinfo').read_text())
+        return round(float(reported_mhz[1]) / 1e3, 2) if reported_mhz else None
     return None
 
 
 def float32_peak() -> float:
-    """Return how many GFLOP/s one core does when BLAS multiplies float32 matrices."""
+    """Return the GFLOP/s of one core when BLAS multiplies float32 matrices."""
     left, right = np.random.default_rng(0).random((2, _SIDE, _SIDE), np.float32)
     product = np.empty_like(left)
     return _most_a_second(lambda: np.dot(left, right, out=product), 2 * _SIDE**3)
 
 
 def int8_peak() -> float | None:
-    """Return how many GOP/s of bytes one core does in its registers; None without kernels."""
+    """Return the GOP/s of one core for bytes in registers; None without kernels."""
     if not available():
         return None
     run, result = kernel('peak', SIZE, array('i4')), np.empty(1, np.int32)
-    products = 2 * numbers('shape', 2)[1]  # four a column, of one vector of two
+    products = 2 * numbers('shape', 2)[1]  # four per column, of one vector of two
     operations = 2 * products * _ACCUMULATORS * _LOOPS
     return _most_a_second(lambda: run(_LOOPS, result), operations)
 
 
 def _most_a_second(work: Callable[[], object], operations: int) -> float:
-    """Return thousands of millions of operations a second, in the best of some rounds."""
+    """Return 10^9 operations per second, in the best round."""
     best_ns = min(_took_ns(work) for _ in range(_ROUNDS))
     return operations / best_ns
 

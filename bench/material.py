@@ -1,11 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Images and maps to measure with: a street that is drawn, driven by day and again in the evening.
+Images and maps for the measurements: a drawn street, driven by day and again in the evening.
 
-A map of any size is made of the day's descriptors, lap by lap. Each lap but one is another street:
-pieces of the images change places, images are mixed, and all is varied at random. The lap in the
-middle is the street itself, so that there is something to find.
+A map of any size is made of the day's descriptors, lap by lap. Each lap except one is another
+street: pieces of the images are permuted, images are mixed, and random variation is added. The lap
+in the middle is the street itself, so that the queries have a match.
 """
 
 from collections.abc import Iterator
@@ -46,26 +46,26 @@ Cells = npt.NDArray[np.float32]
 
 
 def resident_mb() -> float:
-    """Return how much memory this process has."""
+    """Return the resident memory of this process."""
     pages = int(Path('/proc/self/statm').read_text(encoding='ascii').split()[1])
     return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
 @dataclass(frozen=True)
 class Work:
-    """Material, and how much of it to use."""
+    """The material, and the extent of a measurement."""
 
     folder: Path  # where the material is
     sizes: tuple[int, ...]  # of the maps, ascending
-    threads: int  # that a part may use
-    quick: bool  # whether only to see that everything runs
+    threads: int  # allowed for a part
+    quick: bool  # whether only to check that everything runs
 
     def map_path(self, size: int) -> Path:
-        """Return the map of a size."""
+        """Return the path of the map of a size."""
         return map_path(self.folder, size)
 
     def largest(self, most: int) -> int:
-        """Return the size of the largest map of at most so many places."""
+        """Return the size of the largest map with at most `most` places."""
         return max(size for size in self.sizes if size <= most or size == self.sizes[0])
 
     @cached_property
@@ -75,7 +75,7 @@ class Work:
 
 
 def prepare(folder: Path, sizes: tuple[int, ...], frames: int) -> None:
-    """Draw both drives, of so many frames, and write maps; what is there already is kept."""
+    """Draw both drives and write the maps; existing files are kept."""
     missing = [size for size in sizes if not map_path(folder, size).exists()]
     queries = queries_path(folder)
     if not missing and queries.exists():
@@ -93,19 +93,19 @@ def prepare(folder: Path, sizes: tuple[int, ...], frames: int) -> None:
 
 
 def map_path(folder: Path, size: int) -> Path:
-    """Return where a map is."""
+    """Return the path of a map."""
     return folder / f'map-{size}.db'
 
 
 def read_into_file_cache(path: Path) -> None:
-    """Read a file once: a system that is short of memory, or lends it out, may have let it go."""
+    """Read a file once, because the system may have evicted it from the cache."""
     with path.open('rb') as file:
         while file.read(1 << 24):
             pass
 
 
 def queries_path(folder: Path) -> Path:
-    """Return where the images of the second drive are."""
+    """Return the path of the second drive's images."""
     return folder / 'queries.npy'
 
 
@@ -127,14 +127,14 @@ def read_drive(folder: Path, frames: int, speed_mps: float = 10.0) -> npt.NDArra
 
 
 def keyframe_map(folder: Path, size: int) -> Path:
-    """Return a map of a size which says that there are at most 8 keyframes a second."""
+    """Return a map of a size that is marked as having at most 8 keyframes per second."""
     path = folder / f'map-{size}-keyframes.db'
     if not path.exists():
         shutil.copy(map_path(folder, size), path)
-        said = 'keyframes', json.dumps(KeyframeConfig(keyframe_interval_s=0.125).spacing)
+        row = 'keyframes', json.dumps(KeyframeConfig(keyframe_interval_s=0.125).spacing)
         with closing(sqlite3.connect(path)) as database, database:
             change = 'UPDATE about SET value = ?, crc32 = ? WHERE name = ?'
-            database.execute(change, (said[1], row_crc(said), said[0]))
+            database.execute(change, (row[1], row_crc(row), row[0]))
     return path
 
 
@@ -148,20 +148,20 @@ def model_of(folder: Path) -> Path:
 
 
 def model_map(folder: Path, size: int, frames: int) -> Path:
-    """Return a map with the vectors of that model; those of other streets are random."""
+    """Return a map with vectors of `model_of`; those of other streets are random."""
     path = folder / f'map-{size}-model.db'
     if path.exists():
         return path
     model, plain = OnnxModel(model_of(folder)), open_map(map_path(folder, size))
     vectors = np.random.default_rng(size).standard_normal((size, model.numbers), np.float32)
-    own = vectors[home(size, frames) :][:frames]
+    street_vectors = vectors[home(size, frames) :][:frames]
     day = _gray(Street(length_m=frames + 60, seed=7), Drive(num_frames=frames))
-    own[:] = [model(gray) for gray in day[: len(own)]]
+    street_vectors[:] = [model(gray) for gray in day[: len(street_vectors)]]
     encoding = EncodingConfig(descriptor_model=identity_of(model))
     with MapWriter(path, encoding, EVERY_FRAME) as writer:
         for index, vector in enumerate(vectors):
             writer.add(plain.places[index], *plain.pictures([index]), unit(vector))
-    _say_linked(path, size)
+    _mark_linked(path, size)
     return path
 
 
@@ -171,7 +171,7 @@ def truth(index: int, size: int, frames: int) -> int:
 
 
 def home(size: int, frames: int) -> int:
-    """Return the first reference of a map that shows the street itself."""
+    """Return the first reference of the lap that is the street itself."""
     return (-(-size // frames) - 1) // 2 * frames
 
 
@@ -186,11 +186,11 @@ def _write(path: Path, size: int, cells: Cells, thumbnails: list[bytes]) -> None
                 place = Place(index * _SPACING_NS, f'{index:06d}.png')
                 picture = Picture(packed, thumbnails[index % len(thumbnails)])
                 writer.add(place, picture, global_descriptor(unpack_cells(packed)))
-        _say_linked(part, size)
+        _mark_linked(part, size)
 
 
-def _say_linked(path: Path, size: int) -> None:
-    """Nothing earlier shows the same: else a node would look all places up, beside its answers."""
+def _mark_linked(path: Path, size: int) -> None:
+    """Mark all places as without links; otherwise a node would search links for all places."""
     with closing(sqlite3.connect(path)) as database, database:
         rows = ((place, *(None,) * 5) for place in range(size))
         add = 'INSERT INTO links VALUES (?, ?, ?, ?, ?, ?, ?)'
@@ -206,7 +206,7 @@ def _laps(size: int, cells: Cells) -> Iterator[npt.NDArray[np.float16]]:
 
 
 def _varied(cells: Cells, rng: np.random.Generator) -> Cells:
-    """Return the descriptors of another street: pieces change places, images are mixed."""
+    """Return the descriptors of another street: pieces are permuted, images are mixed."""
     first, second = (
         np.roll(_cut_up(cells, rng), rng.integers(1, len(cells)), axis=0) for _ in range(2)
     )
@@ -216,7 +216,7 @@ def _varied(cells: Cells, rng: np.random.Generator) -> Cells:
 
 
 def _cut_up(cells: Cells, rng: np.random.Generator) -> Cells:
-    """Return images whose 16 pieces changed places, in all images alike."""
+    """Return images with their 16 pieces permuted, in the same way for all images."""
     count, rows, columns, bins = cells.shape
     shape = count, _PIECES, rows // _PIECES, _PIECES, columns // _PIECES, bins
     pieces = cells.reshape(shape).transpose(0, 1, 3, 2, 4, 5)

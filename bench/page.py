@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""docs/PERFORMANCE.md: what people ask; performance.json has all of it."""
+"""Writes docs/PERFORMANCE.md, the main figures; performance.json has all of them."""
 
 from collections.abc import Iterable, Mapping
 import json
@@ -14,7 +14,7 @@ from bench.part import PARTS
 from bench.parts import between
 
 # Integer peak of one core in GOP/s and clock in GHz, from instruction sets and data sheets; the
-# processor of 2021 was measured by this bench, with the products that its kernels use now.
+# processor of 2021 was measured by this benchmark, with the products of its current kernels.
 ROBOTS = {
     'Jetson Orin (Cortex-A78AE)': (141.0, 2.2),
     'Raspberry Pi 5 (Cortex-A76)': (154.0, 2.4),
@@ -22,7 +22,7 @@ ROBOTS = {
     'AVX-VNNI (laptops since 2021)': (500.0, 3.5),
 }
 _KEYFRAMES_HZ, _RATE_HZ = 8, 30
-_ROBOT_PEAK = 142.0  # GOP/s of a core like a robot's, between the first two
+_ROBOT_PEAK = 142.0  # GOP/s of a typical robot's core, between the first two
 _HEAD = """\
 # Speed
 
@@ -80,7 +80,7 @@ def write_page(measured: Mapping[str, Any], docs: Path) -> None:
 
 
 def summary(measured: Mapping[str, Any]) -> list[list[list[str]]]:
-    """Return two tables, heads first: frames by places, and what robots would take."""
+    """Return two tables, heads first: frames by places, and computed times on robots."""
     rows = [row for row in measured['findings'] if not row['kernels']]
     frames = [row for row in rows if row['part'] == 'frames' and row['side'] == 'whole']
     by_side = {(row['what'], row['side']): row['value'] for row in rows}
@@ -110,14 +110,14 @@ def summary(measured: Mapping[str, Any]) -> list[list[list[str]]]:
             rest_ms = (_RATE_HZ - _KEYFRAMES_HZ) * idle_ms * slower
             percent = (_KEYFRAMES_HZ * frame_ms + rest_ms) / 10
             size = row['what'].rpartition('= ')[2]
-            told = [name, number(peak), number(clock), size, number(frame_ms)]
-            second.append([*told, number(1e3 / frame_ms), f'{percent:.0f} %'])
+            first_cells = [name, number(peak), number(clock), size, number(frame_ms)]
+            second.append([*first_cells, number(1e3 / frame_ms), f'{percent:.0f} %'])
     return [first, second]
 
 
 def _value(rows: Iterable[Row], what: str, side: str = '') -> float | None:
-    found = (row['value'] for row in rows if what in row['what'] and side in row['side'])
-    return next(found, None)
+    values = (row['value'] for row in rows if what in row['what'] and side in row['side'])
+    return next(values, None)
 
 
 def _text(value: float | None, unit: str) -> str:

@@ -1,9 +1,9 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-One part of the bench in a process of its own: its threads, its memory, its libraries' settings.
+Runs a part of the benchmark in a separate process, with its threads and library settings.
 
-`run` starts such a process; started itself, this module measures and prints JSON.
+`run` starts the process, in which this module measures and prints JSON.
 """
 
 import argparse
@@ -23,7 +23,7 @@ ALONE = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS', 'OPENCV_F
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Cores that a part has, and the kind of kernels: `CONVSEQ_KERNELS`, the best if empty."""
+    """The number of cores, and the kernels as in `CONVSEQ_KERNELS`; empty for the best ones."""
 
     threads: int = 1
     kernels: str = ''
@@ -42,7 +42,7 @@ PARTS = {
 def run(
     name: str, setting: Setting, folder: Path, sizes: tuple[int, ...], quick: bool
 ) -> list[dict[str, Any]]:
-    """Return the findings of a part, as dictionaries; one line says why if it fails."""
+    """Return the findings of a part as dictionaries; a failed part has one, with the reason."""
     cores = sorted(os.sched_getaffinity(0))
     if setting.threads > len(cores):
         return [_failed(name, setting, f'needs {setting.threads} cores')]
@@ -53,7 +53,7 @@ def run(
     command += [*map(str, sizes), '--threads', str(setting.threads), *['--quick'] * quick]
 
     def pin() -> None:
-        if name != 'node':  # which pins itself, beside the camera
+        if name != 'node':  # `node` pins itself, to leave cores for the camera
             os.sched_setaffinity(0, cores[: setting.threads])
 
     done = subprocess.run(

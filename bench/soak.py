@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A drawn town driven for hours through the real node: `python -m bench.soak`, from the repository.
+Drive a drawn town for hours with the real node: `python -m bench.soak`, from the repository.
 
 What the node holds - memory, handles, threads - and how long answers take is written as a table, a
 picture and a line; the exit code is 1 if frames are unaccounted for, or memory grows by more than
@@ -35,19 +35,19 @@ from bench.torture.page import keep_soak
 from bench.torture.robot import image, Robot, robot, unaccounted
 
 _TOWN = Route(((0, 0), (100, 0), (100, 80), (0, 80), (0, 0)), seed=5)
-_PERIOD_NS = 100_000_000  # between two frames of the drive, whatever the rate: a camera of 10 Hz
-_IN_FLIGHT = 4  # frames on their way, when they go as fast as the node takes them
+_PERIOD_NS = 100_000_000  # between two frames of the drive, at any rate: a camera of 10 Hz
+_IN_FLIGHT = 4  # unanswered frames, without a rate
 _SAMPLE_S = 5.0
-_WARM_SHARE = 0.2  # of the samples, before what grows is taken for growth
-_MOST_GROWTH = 1.0  # percent an hour
+_WARM_SHARE = 0.2  # of the samples, before memory growth counts
+_MOST_GROWTH = 1.0  # percent per hour
 _STEADY = 0.98  # correlation of places and time
 _PATIENCE_S = 30.0
-_GRAIN = 3.0  # standard deviation of what differs from lap to lap, gray levels
-_SPARE_PX = 512  # by which a field of noise is wider and higher than an image
+_GRAIN = 3.0  # standard deviation of the noise, which differs from lap to lap, gray levels
+_SPARE_PX = 512  # by which the noise field is wider and higher than an image
 
 
 class Sample(NamedTuple):
-    """What the node was like at one moment."""
+    """The state of the node at one moment."""
 
     seconds: float
     frames: int
@@ -55,7 +55,7 @@ class Sample(NamedTuple):
     resident_mb: float
     handles: int
     threads: int
-    median_ms: float  # from image to answer, since the sample before
+    median_ms: float  # from image to answer, since the previous sample
     worst_ms: float
     dropped: int = 0
     lost: int = 0
@@ -64,7 +64,7 @@ class Sample(NamedTuple):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Drive, write what was seen, and judge it."""
+    """Drive, write the samples, and return the exit code."""
     given = sys.argv[1:] if arguments is None else arguments
     chosen = _parser().parse_args(given)
     print(f'soak: drawing {chosen.lap} frames of a town', file=sys.stderr, flush=True)
@@ -99,17 +99,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def growth(samples: Sequence[Sample]) -> tuple[float, float]:
     """
-    Return by how much memory grows after the beginning: in percent an hour, and in kB a place.
+    Return the growth of memory after the warm-up, in percent per hour and in kB per place.
 
-    The one is 0 where places come at so steady a pace that they and time cannot be told apart,
-    the other where there are no new ones.
+    The first is 0 if places are added at such a steady rate that time and places cannot be
+    separated. The second is 0 without new places.
     """
     rows = samples[int(len(samples) * _WARM_SHARE) :]
     if len(rows) < 3:
         return 0.0, 0.0
-    hours = np.array([one.seconds for one in rows]) / 3600
-    places = np.array([one.places for one in rows], float)
-    memory = np.array([one.resident_mb for one in rows])
+    hours = np.array([sample.seconds for sample in rows]) / 3600
+    places = np.array([sample.places for sample in rows], float)
+    memory = np.array([sample.resident_mb for sample in rows])
     columns = [np.ones(len(rows)), hours - hours[0], places - places[0]]
     if not np.ptp(places):
         columns[2] *= 0
@@ -120,7 +120,7 @@ def growth(samples: Sequence[Sample]) -> tuple[float, float]:
 
 
 def _grain(height: int, width: int) -> Iterator[npt.NDArray[np.int16]]:
-    """Yield the noise of a camera, which never repeats: parts of a field, put there by chance."""
+    """Yield the noise of a camera: random parts of a field, so that it hardly repeats."""
     random = np.random.default_rng(0)
     field = random.normal(0, _GRAIN, (height + _SPARE_PX, width + _SPARE_PX)).astype(np.int16)
     while True:
@@ -138,7 +138,7 @@ def _lap(count: int, width_px: int) -> list[npt.NDArray[np.uint8]]:
 def _soak(
     chosen: argparse.Namespace, lap: list[npt.NDArray[np.uint8]], folder: Path
 ) -> Iterator[Sample]:
-    """Drive, and yield what the node is like now and then, and at the end."""
+    """Drive, and yield samples of the node at intervals and at the end."""
     path, overlap, size_px = folder / 'map.db', chosen.keyframe_overlap, chosen.image_size_px
     if chosen.mode == 'preloaded':
         frames = [Frame((index + 1) * _PERIOD_NS, gray) for index, gray in enumerate(lap)]

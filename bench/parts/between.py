@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a frame costs that is no keyframe: by time, by odometry, by what it shows."""
+"""The cost of a frame that is not a keyframe: by time, by odometry, by image content."""
 
 import time
 
@@ -17,7 +17,7 @@ _RATE_HZ, _FRAMES = 30, 150
 _MOST_MS = 0.3
 _AHEAD = (0.0, 0.0, 0.0, 1.0)
 BY_SCENE = 'by scene, no odometry'
-# How keyframes are chosen, whether there is odometry, and the speed in m/s.
+# The keyframe rule, whether there is odometry, and the speed in m/s.
 _WAYS = {
     'by time': (KeyframeConfig(keyframe_interval_s=0.125), False, 10.0),
     'by odometry': (KeyframeConfig(keyframe_distance_m=1.25), True, 10.0),
@@ -27,7 +27,7 @@ _WAYS = {
 
 
 def measure(work: Work) -> list[Finding]:
-    """Drive past a recogniser."""
+    """Measure frames between keyframes."""
     return [_measured(work, name, *way) for name, way in _WAYS.items()]
 
 

@@ -42,7 +42,7 @@ from bench.machine import float32_peak, int8_peak
 from bench.material import read_into_file_cache, truth, Work
 from bench.parts.kernels import OPERATIONS, REGIONS, salient
 
-# What is called in each stage: by what has it, and its name there.
+# The functions of each stage: their owners and names.
 STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     'encoding': ((recognizer, 'describe'),),
     'frame gate': ((FrameGate, 'update'),),
@@ -64,7 +64,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     ),
     'report': ((BeliefDecider, '_answer'), (PlaceRecognizer, '_complete')),
 }
-BY_PEAK = ('pair scores',)  # the stages whose time goes with the integer peak
+BY_PEAK = ('pair scores',)  # the stages whose time scales with the integer peak
 REST = 'the rest'
 LENGTH = 10
 _WARM_FRAMES = max(LENGTH + 5, OBSERVED.first_frames)  # those after look at fewer places
@@ -78,7 +78,7 @@ _UNCOMPILED_MS = 40.0  # by NumPy alone, 1,000 places
 
 
 class Drive:
-    """Gives a recogniser one frame after another."""
+    """Feeds a recogniser frame by frame."""
 
     def __init__(
         self, work: Work, size: int, search: str = 'shortlist', length: int = LENGTH
@@ -105,14 +105,14 @@ class Drive:
         return score
 
     def warm_up(self) -> None:
-        """Process the first frames of a drive; what was right so far does not count."""
+        """Process the first frames of a drive, without counting them."""
         for _ in range(_WARM_FRAMES):
             self.frame_ms()
         self.matches.clear()
         self.right = self.rough_pairs = 0
 
     def frame_ms(self) -> float:
-        """Return how long the next frame took."""
+        """Process the next frame and return its CPU time."""
         index = next(self._numbers)
         frame = Frame(index * _PERIOD_NS, self._images[index % len(self._images)])
         start_ns = time.process_time_ns()
@@ -126,11 +126,11 @@ class Drive:
 
 
 def measure(work: Work) -> list[Finding]:
-    """Measure frames; maps of one size alone, if the kernels are not the best there are."""
-    asked = os.environ.get('CONVSEQ_KERNELS', '')
-    if asked not in ('', 'numpy') and library().variant != asked:
-        return [Finding(what='frame', side=asked, note=library().problem)]
-    sizes = {'': work.sizes, 'numpy': work.sizes[:1]}.get(asked, (work.largest(10_000),))
+    """Measure frames; with other than the best kernels, only for one map size."""
+    kernels = os.environ.get('CONVSEQ_KERNELS', '')
+    if kernels not in ('', 'numpy') and library().variant != kernels:
+        return [Finding(what='frame', side=kernels, note=library().problem)]
+    sizes = {'': work.sizes, 'numpy': work.sizes[:1]}.get(kernels, (work.largest(10_000),))
     ideal_ms = None
     if peak := int8_peak():
         ideal_ms = _ALL_BUT_KERNELS_MS * _GFLOPS / float32_peak() + 1e3 * _GOP / peak
@@ -159,7 +159,7 @@ def _frames(work: Work, size: int, ideal_ms: float | None) -> list[Finding]:
     whole_pairs = pairs + rough / COHERENT.rough_step**4
     operations = whole_pairs * float(regions) * REGIONS * OPERATIONS / 1e9
     by_peak_ms = sum(stages_ms[stage] for stage in BY_PEAK) if available() else 0.0
-    whole = Finding(
+    total = Finding(
         what=what, side='whole', value=median, low=low, high=high, runs=rounds,
         threads=work.threads, most=wanted_ms,
         note=f'{drive.kernel}; {right} of {len(matches)} right',
@@ -173,7 +173,7 @@ def _frames(work: Work, size: int, ideal_ms: float | None) -> list[Finding]:
         'scales with the clock': (median - by_peak_ms, 'ms'),
     }
     return [
-        whole,
+        total,
         *(Finding(what=what, side=side, value=one[0], unit=one[1]) for side, one in split.items()),
         *(
             Finding(what=f'{what}, by stage', side=stage, value=stage_ms)
@@ -184,7 +184,7 @@ def _frames(work: Work, size: int, ideal_ms: float | None) -> list[Finding]:
 
 @contextmanager
 def _watched() -> Iterator[dict[str, float]]:
-    """Take the time of all stages: what one calls of another counts there."""
+    """Measure the time of all stages; nested calls count for the inner stage."""
     spent_s: dict[str, float] = defaultdict(float)
     inside_s = [0.0]
 
@@ -204,6 +204,6 @@ def _watched() -> Iterator[dict[str, float]]:
     with ExitStack() as patches:
         for stage, calls in STAGES.items():
             for owner, name in calls:
-                own = watched(stage, getattr(owner, name))
-                patches.enter_context(patch.object(owner, name, own))
+                timed = watched(stage, getattr(owner, name))
+                patches.enter_context(patch.object(owner, name, timed))
         yield spent_s

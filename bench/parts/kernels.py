@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One pair of images, by each kernel, and the most that the machine can multiply."""
+"""The time of one image pair with each kernel, and the peak rate of the machine."""
 
 from dataclasses import replace
 from functools import partial
@@ -25,14 +25,14 @@ from bench.material import Work
 
 KERNELS = ('int8', 'float32', 'numpy')
 REGIONS = 900  # of a reference
-OPERATIONS = 2 * 32  # of a query's region with one of these: 32 products and sums
+OPERATIONS = 2 * 32  # per pair of regions: 32 products and sums
 _PAIRS, _ROUNDS = 32, 40
 _LEAST_SHARE = 0.55  # of the peak
 _SALIENCY = 0.5  # of the highest entropy; the default of `saliency_threshold`
 
 
 def salient(query: Descriptor) -> int:
-    """Return how many regions of a query are compared."""
+    """Return the number of compared regions of a query."""
     seen = extract(query, _SALIENCY * ENTROPY.max_bits)
     return len(seen.index) if seen else 0
 

@@ -1,9 +1,9 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What maps take on disk and in memory, and how long they take to open.
+The size of maps on disk and in memory, and the time to open them.
 
-Each is opened and used by processes of its own: this module, started with a map and images.
+Each map is opened in separate processes: this module, started with a map and images.
 """
 
 import json
@@ -29,14 +29,14 @@ _PERIOD_NS = 100_000_000
 
 
 def measure(work: Work) -> list[Finding]:
-    """Open each map, from the disk and from the system's cache."""
+    """Measure each map, from the disk and from the system's cache."""
     sizes = work.sizes[-1:] if work.quick else work.sizes
     return [finding for size in sizes for finding in _map(work, size)]
 
 
 def _map(work: Work, size: int) -> list[Finding]:
     path, is_wanted = work.map_path(size), size == _WANTED_SIZE
-    with path.open('rb') as file:  # the system drops it from its cache
+    with path.open('rb') as file:  # evict it from the system's cache
         os.fsync(file.fileno())
         os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
     cold = _opened(work, path)
@@ -65,7 +65,7 @@ def _opened(work: Work, path: Path) -> dict[str, float]:
 
 
 def use(path: Path, queries: Path) -> dict[str, float]:
-    """Open a map in this process, process every image once, and return what that took."""
+    """Open a map in this process, process every image once, and return time and memory."""
     images = np.load(queries, mmap_mode='r')  # only its head: what is mapped is resident
     _, height, width = images.shape
     Session(None, Config()).warm_up()

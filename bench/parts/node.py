@@ -45,20 +45,20 @@ def measure(work: Work) -> list[Finding]:
             run = _driven(one, work.images, rate_hz, seconds)
             name = f'{what}, {rate_hz} Hz, every frame'
             most = _MOST_P95_MS if rate_hz == _WANTED_HZ and work.threads == 1 else None
-            findings += _told(work, name, *run, most)
+            findings += _findings(work, name, *run, most)
     images = read_drive(work.folder, seconds * _WANTED_HZ)
     with _node(work, keyframe_map(work.folder, size)) as one:
         _driven(one, images, _RATES_HZ[0], seconds / 3)
         name = f'drive of 10 m/s, {_WANTED_HZ} Hz, 8 keyframes a second, R = {size:,}'
         run = _driven(one, images, _WANTED_HZ, seconds)
-        findings += _told(work, name, *run, _MOST_DRIVE_P95_MS, _MOST_PERCENT)
+        findings += _findings(work, name, *run, _MOST_DRIVE_P95_MS, _MOST_PERCENT)
     if work.threads == 1 and importlib.util.find_spec('onnx'):
         findings += _with_model(work, size, seconds)
     return findings
 
 
 def _with_model(work: Work, size: int, seconds: int) -> list[Finding]:
-    """Send every frame to a node whose vectors are a network's."""
+    """Send every frame to a node with a descriptor model."""
     from diagnostic_msgs.msg import DiagnosticArray
 
     answers: list[dict[str, str]] = []
@@ -76,14 +76,14 @@ def _with_model(work: Work, size: int, seconds: int) -> list[Finding]:
     )
     what = f'node with a model of 10 MFLOP, {_RATES_HZ[0]} Hz, R = {size:,}'
     by_answers = f"by ~/answer, {model_ms:.2g} of {frame_ms:.1f} ms are the model's"
-    told, dropped, share = _told(work, what, *run)
-    return [replace(told, note=by_answers), replace(dropped, most=0), share]
+    latency, dropped, share = _findings(work, what, *run)
+    return [replace(latency, note=by_answers), replace(dropped, most=0), share]
 
 
 def _driven(
     one: 'Robot', images: npt.NDArray[np.uint8], rate_hz: float, seconds: float
 ) -> tuple[int, list[float], float]:
-    """Send images at a rate; return how many, milliseconds to each answer, percent of a core."""
+    """Send images at a rate; return their number, the ms to each answer, and percent of a core."""
     one.took_ms = []
     count = max(1, int(rate_hz * seconds))
     messages = [_message(image) for image in images[:count]]
@@ -96,7 +96,7 @@ def _driven(
     return count, one.took_ms, 100 * spent_s / took_s
 
 
-def _told(
+def _findings(
     work: Work,
     what: str,
     sent: int,
@@ -119,7 +119,7 @@ def _told(
 
 
 def _start(work: Work, what: str, path: Path) -> Finding:
-    """Start the node again and again, before a camera that is on."""
+    """Start the node repeatedly while a camera is publishing."""
     found_s = []
     for _ in range(1 if work.quick else _STARTS):
         start_s = time.perf_counter()
@@ -138,7 +138,7 @@ def _start(work: Work, what: str, path: Path) -> Finding:
 
 @contextmanager
 def _node(work: Work, path: Path, waits: bool = True, **parameters: object) -> Iterator['Robot']:
-    """Run the node with a map on the first cores; the camera may use the others."""
+    """Run the node with a map on the first cores; the camera uses the other cores."""
     from bench.torture.robot import robot
 
     for name in ALONE:  # the node decides that for itself
@@ -168,7 +168,7 @@ def _send(one: 'Robot', message: Any) -> None:
 
 
 def _cpu_s(one: 'Robot') -> float:
-    """Return the processor time that the node used so far."""
+    """Return the CPU time of the node so far."""
     stat = Path(f'/proc/{one.process.pid}/stat').read_text(encoding='ascii')
     fields = stat.rpartition(') ')[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')

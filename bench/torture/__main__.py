@@ -21,27 +21,27 @@ from bench.torture.page import keep_outcome, kept_outcome
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Carry out the attacks that are asked for; then again and again, if there is time."""
-    known = attacks()
-    parser = _parser(list(known))
+    """Carry out the chosen attacks, and repeat them until the time is over."""
+    available = attacks()
+    parser = _parser(list(available))
     chosen = parser.parse_args(arguments)
-    if strange := [name for name in chosen.attacks if name not in known]:
-        parser.error(f'{strange[0]}: no such attack; known are {", ".join(known)}')
+    if unknown := [name for name in chosen.attacks if name not in available]:
+        parser.error(f'{unknown[0]}: no such attack; known are {", ".join(available)}')
     until_s = time.monotonic() + chosen.hours * 3600
     outcomes = {}
-    for name in chosen.attacks or known:
-        attack, kept = known[name], kept_outcome(chosen.docs, name) if chosen.go_on else None
+    for name in chosen.attacks or available:
+        attack, kept = available[name], kept_outcome(chosen.docs, name) if chosen.go_on else None
         outcome = kept or Outcome(name, attack.SEED if chosen.seed is None else chosen.seed)
         count = attack.COUNT if chosen.seed is None else attack.PORTION
         count = attack.SHORT if chosen.short else chosen.count or count
         outcomes[name] = outcome
         while outcome.asked < count:
             _portion(attack, count - outcome.asked, outcome, chosen.docs)
-        _say(outcome)
+        _report(outcome)
     while time.monotonic() < until_s:
         for name, outcome in outcomes.items():
-            _portion(known[name], known[name].PORTION, outcome, chosen.docs)
-            _say(outcome)
+            _portion(available[name], available[name].PORTION, outcome, chosen.docs)
+            _report(outcome)
     return int(any(outcome.problems for outcome in outcomes.values()))
 
 
@@ -55,11 +55,11 @@ def _portion(attack: Attack, most: int, outcome: Outcome, docs: Path | None) -> 
 
 def _commit() -> str:
     command = ['git', 'describe', '--always', '--exclude=*']
-    told = subprocess.run(command, capture_output=True, text=True, check=False)
-    return told.stdout.strip() or 'unknown'
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.stdout.strip() or 'unknown'
 
 
-def _say(outcome: Outcome) -> None:
+def _report(outcome: Outcome) -> None:
     print(
         f'{outcome.attack}: {outcome.survived} of {outcome.tries} in {outcome.seconds:.0f} s, '
         f'seeds {outcome.seed} to {outcome.seed + outcome.portions - 1}',
@@ -72,12 +72,12 @@ def _say(outcome: Outcome) -> None:
 def _parser(names: list[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='torture', description=__doc__.splitlines()[1])
     parser.add_argument('attacks', nargs='*', metavar='ATTACK', help=f'of {", ".join(names)}')
-    parser.add_argument('--count', type=int, help='tries, instead of what each file says')
-    parser.add_argument('--short', action='store_true', help='as few tries as the tests make')
-    parser.add_argument('--seed', type=int, help='a portion by this seed, as it was made before')
-    parser.add_argument('--hours', type=float, default=0.0, help='go on for so long')
+    parser.add_argument('--count', type=int, help='tries, instead of the COUNT of each file')
+    parser.add_argument('--short', action='store_true', help='as few tries as in the tests')
+    parser.add_argument('--seed', type=int, help='repeat the portion of this seed')
+    parser.add_argument('--hours', type=float, default=0.0, help='repeat for this time')
     parser.add_argument('--docs', type=Path, help='write RELIABILITY.md and its JSON there')
-    parser.add_argument('--go-on', action='store_true', help='add to what is in the JSON there')
+    parser.add_argument('--go-on', action='store_true', help='add to the results in that JSON')
     return parser
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What an attack is: a file of this folder.
+An attack is a module of this folder.
 
 It has `ABOUT`, what is done, `ORACLE`, what must hold after every try, and a `SEED`.
 `make torture` makes `COUNT` tries, `PORTION` at a time and each portion by the next seed; the
@@ -20,7 +20,7 @@ _REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 class Try(NamedTuple):
-    """One try: what was done, enough to do it again, and what did not hold, if anything."""
+    """One try: a name that allows to repeat it, and the problem, empty if there was none."""
 
     name: str
     problem: str = ''
@@ -40,12 +40,12 @@ class Attack(Protocol):
 
 @dataclass(slots=True)
 class Outcome:
-    """What came of an attack so far; portions that were made have the seeds from `seed` on."""
+    """The results of an attack so far; completed portions have the seeds from `seed` on."""
 
     attack: str
     seed: int
     portions: int = 0
-    asked: int = 0  # tries, or for each decoder where there are many
+    asked: int = 0  # requested tries, per decoder if there are several
     tries: int = 0
     survived: int = 0
     seconds: float = 0.0
@@ -61,13 +61,13 @@ def attacks() -> dict[str, Attack]:
 
 
 def carry_out(attack: Attack, count: int, outcome: Outcome, folder: Path) -> None:
-    """Try as often as asked, by the next seed, with what that needs in a folder; count it."""
+    """Make `count` tries with the next seed in a folder, and add them to the outcome."""
     started_s, seed = time.monotonic(), outcome.seed + outcome.portions
-    for one in attack.run(count, seed, folder) if count else ():
+    for attempt in attack.run(count, seed, folder) if count else ():
         outcome.tries += 1
-        outcome.survived += not one.problem
-        if one.problem:
-            text = f'seed {seed}, {one.name}: {one.problem}'
+        outcome.survived += not attempt.problem
+        if attempt.problem:
+            text = f'seed {seed}, {attempt.name}: {attempt.problem}'
             outcome.problems.append(text.replace(f'{_REPOSITORY}/', ''))
     outcome.portions += 1
     outcome.asked += count

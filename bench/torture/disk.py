@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A disk that fails at the n-th call that changes it; a library in C, preloaded, does so."""
+"""Simulates a disk that fails at the n-th changing call, with a preloaded C library."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,17 +23,17 @@ _NEVER_S = 1e6
 
 
 class How(IntEnum):
-    """What happens at the n-th call; the numbers are those of disk.c."""
+    """The effect at the n-th call; the numbers are those of disk.c."""
 
     COUNT = 0  # nothing
     KILL = 1  # the process ends before it
-    TEAR = 2  # the process ends when half of it is written
-    FULL = 3  # it fails, and all that take room after it: the disk is full
-    FAIL = 4  # it fails, and only it: the disk has an error
+    TEAR = 2  # the process ends after half of the write
+    FULL = 3  # it fails, and all later calls that need space: the disk is full
+    FAIL = 4  # only this call fails: a disk error
 
 
 class Acknowledged:
-    """A number that a child leaves behind, whatever becomes of it; -1 at first."""
+    """A number in shared memory, which survives a killed child; -1 at first."""
 
     def __init__(self) -> None:
         self.shared = mmap.mmap(-1, 8)
@@ -49,12 +49,12 @@ class Acknowledged:
 
 
 def compiler() -> str | None:
-    """Return the C compiler, if there is one."""
+    """Return the path of the C compiler, or None."""
     return shutil.which('cc')
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Compile the library into a folder; return in which environment a program has it."""
+    """Compile the library into a folder; return an environment that preloads it."""
     library = folder / 'disk.so'
     source = Path(__file__).with_name('disk.c')
     command = ['cc', '-shared', '-fPIC', '-O1', '-o', str(library), str(source), '-ldl']
@@ -68,18 +68,18 @@ def _library() -> ctypes.CDLL:
 
 
 def arm(call: int, how: How) -> None:
-    """Have something happen at a call from now on, counted from 1."""
+    """Set the effect at the n-th call from now on, counted from 1."""
     _library().disk_arm(ctypes.c_long(call), int(how))
 
 
 def calls() -> int:
-    """Return how many there were since."""
+    """Return the number of calls since `arm`."""
     return int(_library().disk_calls())
 
 
 @contextmanager
 def recorded(path: Path, number: Acknowledged) -> Iterator[None]:
-    """Record every call that changes a disk in a file, and a number with it."""
+    """Record every changing call in a file, together with the number."""
     file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
     watched = ctypes.c_int64.from_buffer(number.shared)
     arm(0, How.COUNT)
@@ -92,15 +92,15 @@ def recorded(path: Path, number: Acknowledged) -> Iterator[None]:
 
 
 def print_tries(make: Callable[[int, int, Path], Iterator[tuple[str, str]]]) -> None:
-    """Make the tries that the command line asks for, one after another."""
+    """Make the tries of the command line, and print each as JSON."""
     count, seed, folder = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
-    session._COMMIT_EVERY_S = _NEVER_S  # what is written is asked for
-    for found in make(count, seed, folder):
-        print(json.dumps(found), flush=True)
+    session._COMMIT_EVERY_S = _NEVER_S  # commit only on request
+    for attempt in make(count, seed, folder):
+        print(json.dumps(attempt), flush=True)
 
 
 def tries_of(module: str, count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Have a module make tries, as a program on the watched disk; yield what came of them."""
+    """Run a module as a program on the simulated disk; yield its tries."""
     command = [sys.executable, '-m', f'bench.torture.{module}', str(count), str(seed), str(folder)]
     with subprocess.Popen(
         command, env=environment(folder), stdout=subprocess.PIPE, text=True

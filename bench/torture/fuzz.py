@@ -39,14 +39,14 @@ ORACLE = 'an answer, or an error of ours in one line; within 5 s, below 1 GB'
 COUNT, PORTION, SHORT, SEED = 20_000, 20_000, 20, 16
 MISSING = '' if find_spec('atheris') else "Atheris is missing; run: pip install '.[torture]'"
 FOUND = Path(tempfile.gettempdir(), 'convseq_fuzz')
-_MOST_INPUT_BYTES = 1 << 20  # libFuzzer makes none longer than the longest sample
-_LAST = struct.Struct('qq')  # executions so far, and the length of the last input, before it
-_MOST_SAID = 2000  # characters of an error
-_LONGEST_S = 600  # of a run that does nothing, as on a pipe; the machine may be stopped meanwhile
+_MOST_INPUT_BYTES = 1 << 20  # libFuzzer's inputs are not longer than the longest sample
+_LAST = struct.Struct('qq')  # header: executions so far, and length of the last input
+_MOST_ERROR = 2000  # characters of an error
+_LONGEST_S = 600  # of a blocked run, as on a pipe; includes time while the machine is suspended
 
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Have a program of its own fuzz every decoder `count` times."""
+    """Run a program that fuzzes every decoder `count` times."""
     if MISSING:
         raise SystemExit(f'fuzz: {MISSING}')
     command = [sys.executable, '-m', 'bench.torture.fuzz', str(count), str(seed), str(folder)]
@@ -61,10 +61,10 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
 
 
 def main(known: Mapping[str, Any] | None = None) -> None:
-    """Fuzz the decoders that are named, or all, each in a fork of this process."""
+    """Fuzz the named decoders, or all, each in a fork of this process."""
     import atheris
 
-    # It names every module that it instruments.
+    # Atheris prints every module that it instruments.
     with (
         contextlib.redirect_stderr(io.StringIO()),
         atheris.instrument_imports(include=['convseq_ros']),
@@ -76,25 +76,25 @@ def main(known: Mapping[str, Any] | None = None) -> None:
     known = known or decoders.decoders()
     for name in names or known:
         with tempfile.TemporaryDirectory(dir=folder) as made:
-            own, last = Path(made), mmap.mmap(-1, _MOST_INPUT_BYTES)
+            base, last = Path(made), mmap.mmap(-1, _MOST_INPUT_BYTES)
             if not (child := os.fork()):
-                (own / 'words').write_text(''.join(f'"{word}"\n' for word in decoders.WORDS))
-                _be_libfuzzer(known[name], int(count), seed, own, last)
+                (base / 'words').write_text(''.join(f'"{word}"\n' for word in decoders.WORDS))
+                _be_libfuzzer(known[name], int(count), seed, base, last)
             code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
             executions, length = _LAST.unpack_from(last)
             problem = ''
             if code or executions < int(count):
-                said, data = own / 'problem', last[_LAST.size : _LAST.size + length]
+                report, data = base / 'problem', last[_LAST.size : _LAST.size + length]
                 kept = f'{name.replace(" ", "_")}-{hashlib.sha1(data).hexdigest()[:8]}'
                 FOUND.mkdir(exist_ok=True)
                 (FOUND / kept).write_bytes(data)
-                told = said.read_text(encoding='utf-8') if said.exists() else ''
-                problem = f'{told or f"ended with {code}, or took too much"}; {kept}'
+                detail = report.read_text(encoding='utf-8') if report.exists() else ''
+                problem = f'{detail or f"ended with {code}, or took too much"}; {kept}'
         print(json.dumps([name, executions, problem]), flush=True)
 
 
 def _be_libfuzzer(decoder: Any, count: int, seed: str, folder: Path, last: mmap.mmap) -> NoReturn:
-    """Fuzz a decoder until it breaks; whatever ends this process, `last` has the last input."""
+    """Fuzz a decoder until it fails; however this process ends, `last` has the last input."""
     import atheris
     from convseq_ros.errors import ConvseqError
 
@@ -114,17 +114,17 @@ def _be_libfuzzer(decoder: Any, count: int, seed: str, folder: Path, last: mmap.
         try:
             decode(data, work)
         except ConvseqError as error:
-            if len(str(error)) > _MOST_SAID:
+            if len(str(error)) > _MOST_ERROR:
                 raise
         except BaseException:
             lines = [line.strip() for line in traceback.format_exc().splitlines()]
-            said = ' | '.join([line for line in lines if line.strip('^~ ')][-4:])
-            (folder / 'problem').write_text(said[:500], encoding='utf-8', errors='replace')
+            summary = ' | '.join([line for line in lines if line.strip('^~ ')][-4:])
+            (folder / 'problem').write_text(summary[:500], encoding='utf-8', errors='replace')
             raise
-        for one in work.iterdir():
-            shutil.rmtree(one) if one.is_dir() else one.unlink()
+        for path in work.iterdir():
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
 
-    # libFuzzer's own limit is by the clock, and this machine has other things to do.
+    # Limit the CPU time: libFuzzer's limit is wall-clock time, which includes other programs.
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     resource.setrlimit(resource.RLIMIT_AS, (8 * MOST_BYTES, 8 * MOST_BYTES))
     silence = os.open(os.devnull, os.O_WRONLY)

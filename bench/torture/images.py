@@ -77,7 +77,7 @@ def _problem(one: Robot, sent: int) -> str:
     if one.process.poll() is not None:
         return f'the node ended with {one.process.returncode}'
     if unaccounted(one, sent) > 0:
-        return f'{unaccounted(one, sent)} of {sent} images are unaccounted for: {one.told}'
+        return f'{unaccounted(one, sent)} of {sent} images are unaccounted for: {one.diagnostics}'
     if one.count('failed'):
         return f'{one.count("failed")} frames failed'
     most_mb = one.resident_mb('VmHWM')

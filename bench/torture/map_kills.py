@@ -71,13 +71,13 @@ def _at_start(folder: Path, draw: random.Random) -> tuple[str, str]:
         time.sleep(again_s)
         process.send_signal(which)
     try:
-        told, _ = process.communicate(timeout=_HANGS_S)
+        output, _ = process.communicate(timeout=_HANGS_S)
     except subprocess.TimeoutExpired:
         process.kill()
         process.communicate()
         return name, f'did not end within {_HANGS_S:g} s'
     took_s = time.monotonic() - sent_s
-    bad = [line for line in told.splitlines() if '[INFO]' not in line]
+    bad = [line for line in output.splitlines() if '[INFO]' not in line]
     if process.returncode or bad:
         return name, f'exit {process.returncode}: {" | ".join(bad)[-300:]}'
     return name, f'took {took_s:.2f} s' if took_s > _AT_START_S else ''

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Maps whose places any process can tell by their index, and what must hold of them."""
+"""Maps whose places follow from their index, and checks of these maps."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +21,7 @@ _MOST_S = 5.0  # that the use of a damaged map takes
 
 
 def grow(reference_map: ReferenceMap, count: int, drive: int = 0) -> None:
-    """Add places that any process can tell by their index."""
+    """Add places whose content follows from their index."""
     for index in range(len(reference_map), len(reference_map) + count):
         pose = Pose((index, 0, 0), (0, 0, 0, 1)) if index % 2 else None
         place = Place(index, f'drive {drive}', pose)
@@ -33,7 +33,7 @@ def grow(reference_map: ReferenceMap, count: int, drive: int = 0) -> None:
 
 
 def linked_to(index: int) -> int | None:
-    """Return what a place is linked to, if it is."""
+    """Return the place that a place is linked to, or None."""
     return index // 2 if index % 3 else None
 
 
@@ -43,39 +43,39 @@ def cells(index: int, drive: int = 0) -> np.ndarray:
 
 
 def holds(path: Path, drive: int = 0) -> int:
-    """Return how many places a map has; AssertionError if one is not what was written."""
+    """Return the number of places of a map; AssertionError if a place has other content."""
     opened = open_map(path, ENCODING)
     for index, place in enumerate(opened.places):
         assert (place.stamp_ns, place.source) == (index, f'drive {drive}'), index
         assert (opened.packed(index) == cells(index, drive)).all(), index
         assert opened.thumbnail(index) == b'%d' % index, index
-    # A program that was killed may have stored a place, and not yet its link.
+    # A killed program may have stored a place without its link.
     assert not opened.problem and opened.links.looked_up_count >= len(opened) - 1, len(opened)
     assert links_hold(opened)
     return len(opened)
 
 
 def links_hold(reference_map: ReferenceMap) -> bool:
-    """Return whether all links are what `grow` made."""
+    """Return whether all links are those of `grow`."""
     return all(
-        (one.other, one.confidence, one.inliers) == (linked_to(one.place), 0.75, one.place)
-        and (one.relative is None or one.relative.position_m == _RELATIVE.position_m)
-        and one.anchor <= one.other
-        for one in reference_map.links.each()
+        (link.other, link.confidence, link.inliers) == (linked_to(link.place), 0.75, link.place)
+        and (link.relative is None or link.relative.position_m == _RELATIVE.position_m)
+        and link.anchor <= link.other
+        for link in reference_map.links.each()
     )
 
 
 def add_one(path: Path, count: int) -> str:
-    """Add a place to a map of so many; return what is wrong with it then."""
-    whole = drawn(count + 1)
+    """Add a place to a map of `count` places; return the problem, or an empty text."""
+    expected = drawn(count + 1)
     with MapWriter(path, ENCODING, APART, append=True) as writer:
-        writer.copy(whole, count + 1)
+        writer.copy(expected, count + 1)
     added = open_map(path).places[count:]
-    return '' if [*added] == [*whole.places[count:]] else 'what was added is not there'
+    return '' if [*added] == [*expected.places[count:]] else 'what was added is not there'
 
 
 def problem_of_use(path: Path, use: Callable[[], str], may_refuse: bool = True) -> str:
-    """Return what is wrong with a use of a damaged map, which may refuse it in one line."""
+    """Return the problem of using a damaged map, which may be refused, or an empty text."""
     started_s = time.monotonic()
     try:
         if problem := use():

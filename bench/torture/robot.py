@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A real node in a process of its own, and a camera and a listener on its topics."""
+"""Runs a real node in a separate process, with a camera and a listener on its topics."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -29,14 +29,14 @@ _NAME = '/vpr_node'
 
 
 class Robot:
-    """Whoever lives beside a node, whose `process` it is."""
+    """A camera and a listener for a node, which runs in `process`."""
 
     def __init__(self, process: subprocess.Popen[bytes], context: Context) -> None:
         self.process = process
-        self.answers = 0  # heard so far
-        self.greeted = 0  # images of `greet` that the node knows of
+        self.answers = 0  # received so far
+        self.greeted = 0  # images of `greet` that the node received
         self.took_ms: list[float] = []  # from the call of `publish` to the answer
-        self.told: Mapping[str, str] = {}  # the node's last diagnostics
+        self.diagnostics: Mapping[str, str] = {}  # the node's last diagnostics
         self._sent_s: dict[int, float] = {}
         self.node = rclpy.create_node('robot', context=context)
         self._executor = SingleThreadedExecutor(context=context)
@@ -44,15 +44,15 @@ class Robot:
         self.camera = self.node.create_publisher(Image, '/image', QoSProfile(depth=1000))
         deep = QoSProfile(depth=100_000)
         self.node.create_subscription(PointCloud2, f'{_NAME}/candidates', self._on_answer, deep)
-        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_told, 10)
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
     def publish(self, message: Image) -> None:
-        """Publish an image whose stamp no other one has, and clock its answer."""
+        """Publish an image with a unique stamp, and measure the time to its answer."""
         self._sent_s[stamp_to_ns(message.header.stamp)] = time.perf_counter()
         self.camera.publish(message)
 
     def spin(self, seconds: float = 0.0) -> None:
-        """Hear what others say, for a time."""
+        """Receive messages for a time."""
         until_s = time.monotonic() + seconds
         while True:
             left_s = until_s - time.monotonic()
@@ -61,7 +61,7 @@ class Robot:
                 return
 
     def wait_for(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until something holds; return whether it does before the time is over."""
+        """Spin until the condition holds; return whether it held in time."""
         until_s = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > until_s or self.process.poll() is not None:
@@ -70,23 +70,23 @@ class Robot:
         return True
 
     def wait_until_ready(self) -> None:
-        """Wait until the node works and hears the camera; RuntimeError if it does not."""
-        ready = self.wait_for(lambda: self.told.get('state') == 'enabled', _START_S)
+        """Wait until the node is enabled and subscribes to the camera, or raise RuntimeError."""
+        ready = self.wait_for(lambda: self.diagnostics.get('state') == 'enabled', _START_S)
         if not (ready and self.wait_for(self.camera.get_subscription_count, _START_S)):
             raise RuntimeError('the node did not come up; see vpr_node.log')
 
     def count(self, name: str) -> int:
-        """Return a count of the last diagnostics; 0 before there are any."""
-        return int(float(self.told.get(name, '0') or 0))
+        """Return a count of the last diagnostics; 0 before the first ones."""
+        return int(float(self.diagnostics.get(name, '0') or 0))
 
     def resident_mb(self, name: str = 'VmRSS') -> float:
-        """Return how much memory the node holds now; by 'VmHWM', how much it held at most."""
+        """Return the resident memory of the node; with 'VmHWM', its maximum so far."""
         text = Path(f'/proc/{self.process.pid}/status').read_text(encoding='ascii')
-        found = re.search(rf'{name}:\s+(\d+) kB', text)
-        return int(found[1]) / 1e3 if found else 0.0
+        line = re.search(rf'{name}:\s+(\d+) kB', text)
+        return int(line[1]) / 1e3 if line else 0.0
 
     def number_of(self, what: str) -> int:
-        """Return how many threads ('task') or open files and sockets ('fd') it has."""
+        """Return the number of threads ('task') or of open files and sockets ('fd')."""
         return len(os.listdir(f'/proc/{self.process.pid}/{what}'))
 
     def _on_answer(self, message: PointCloud2) -> None:
@@ -95,8 +95,8 @@ class Robot:
         if sent_s is not None:
             self.took_ms.append((time.perf_counter() - sent_s) * 1e3)
 
-    def _on_told(self, message: DiagnosticArray) -> None:
-        self.told = {one.key: one.value for one in message.status[0].values}
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self.diagnostics = {item.key: item.value for item in message.status[0].values}
 
 
 @contextmanager
@@ -110,11 +110,11 @@ def robot(
     """
     Start a node with these parameters, and end it with the block; its log is vpr_node.log.
 
-    `surroundings` are added to its environment; it runs on these `cores`, or on all. Unless it
-    `waits`, it may not be ready yet.
+    `surroundings` are added to its environment. It runs on `cores`, or on all. With `waits`, it is
+    ready when the block begins.
     """
     os.environ.update(environment(folder))
-    own = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
+    variables = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
     command = [sys.executable, '-m', 'convseq_ros.node', '--ros-args']
     for name, value in parameters.items():
         command += ['-p', f'{name}:={str(value).lower() if value in (True, False) else value}']
@@ -123,7 +123,7 @@ def robot(
     with (folder / 'vpr_node.log').open('ab') as log:
         process = subprocess.Popen(
             command,
-            env=own | dict(surroundings or {}),
+            env=variables | dict(surroundings or {}),
             cwd=folder,
             stdout=log,
             stderr=subprocess.STDOUT,
@@ -137,14 +137,14 @@ def robot(
             yield one
         finally:
             end(process, _END_S)
-            # Else its publishers stay: a node counts what it missed of a single one.
+            # Otherwise its publishers stay, and a node counts lost messages of one publisher only.
             if one:
                 one.node.destroy_node()
             context.try_shutdown()
 
 
 def image(gray: np.ndarray, stamp_ns: int = 0, **changes: Any) -> Image:
-    """Return a picture as a message, any field of it changed."""
+    """Return an image message, with changed fields."""
     message = image_message(gray, Header(stamp=stamp_from_ns(stamp_ns)))
     for name, value in changes.items():
         setattr(message, name, value)
@@ -153,10 +153,10 @@ def image(gray: np.ndarray, stamp_ns: int = 0, **changes: Any) -> Image:
 
 def greet(one: Robot) -> None:
     """
-    Send images until one is answered; they do not count.
+    Send images until one is answered; they are not counted.
 
-    The camera knows the node before the node knows the camera; what it sends meanwhile is not for
-    the node, which does not miss it.
+    DDS matches the camera with the node earlier than the node with the camera. The node does not
+    receive images sent in between, and does not count them as lost.
     """
     while not one.answers and one.process.poll() is None:
         one.camera.publish(image(np.zeros((48, 64), np.uint8), 1))
@@ -165,6 +165,6 @@ def greet(one: Robot) -> None:
 
 
 def unaccounted(one: Robot, sent: int) -> int:
-    """Return how many images were sent that the node neither answered nor counts as lost."""
+    """Return the number of sent images that the node neither answered nor counts as lost."""
     counts = ('processed', 'dropped', 'lost_by_middleware', 'failed', 'queue')
     return sent + one.greeted - sum(one.count(name) for name in counts)

@@ -3,9 +3,9 @@
 """
 A bridge from `~/closure` to a back end.
 
-Usage: python bridge_node.py rtabmap|swarm_slam|kimera|voxgraph. Not run here: it needs the back
-end's message package, sourced. `descriptor` instead of a back end publishes `GlobalDescriptor` of
-every image for RTAB-Map.
+Usage: python bridge_node.py rtabmap|swarm_slam|kimera|voxgraph. Not run in the tests: it needs the
+sourced message package of the back end. With `descriptor` instead of a back end, it publishes a
+`GlobalDescriptor` of every image for RTAB-Map.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ _DEPTH = 1000
 
 
 class Kinds(dict[str, Callable[..., Any]]):
-    """Message types by name, imported when they are asked for."""
+    """Message types by name, imported on first use."""
 
     def __missing__(self, name: str) -> Callable[..., Any]:
         package, folder, kind = name.split('/')
@@ -40,14 +40,14 @@ class Kinds(dict[str, Callable[..., Any]]):
 
 
 class Bridge(Node):
-    """Sends closures on as soon as keyframes of the back end, `name`, of both stamps are known."""
+    """Forwards closures as soon as the back end `name` has keyframes for both stamps."""
 
     def __init__(self, name: str) -> None:
         super().__init__(f'{name}_bridge')
         self._kinds = Kinds()
         self._within_s = self.declare_parameter('within_s', 0.15).value
         self._waiting = Waiting(Keyframes(self._within_s))
-        # Of other robots, and which of them, or this one, drove a session of the map.
+        # Closures with other robots, and the robot that drove each session of the map.
         self._others: dict[int, Waiting] = {}
         self._robots: dict[bytes, int] = {}
         self._robot = self.declare_parameter('robot_id', 0).value
@@ -146,7 +146,7 @@ class Bridge(Node):
             header = Header(stamp=self.get_clock().now().to_msg())
             edges.publish(messages.voxgraph_edges(self._kinds, header, closure))
 
-        # It finds its own submaps by stamp.
+        # The back end finds its submaps by stamp.
         self._send_by_stamp = send
 
     def _begin_descriptor(self) -> None:

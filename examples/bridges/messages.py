@@ -1,9 +1,9 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The messages of the back ends, filled; given their types, whoever made them.
+Fills the messages of the back ends; the message types are arguments.
 
-`kinds` maps names such as 'rtabmap_msgs/msg/Link' to types that take all fields as keywords.
+`kinds` maps names like 'rtabmap_msgs/msg/Link' to types that take all fields as keywords.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,9 +16,9 @@ import numpy as np
 Kinds = Mapping[str, Callable[..., Any]]
 _USER_CLOSURE = 4  # rtabmap/core/Link.h: kUserClosure
 _LOOP_CLOSURE = 1  # pose_graph_tools_msgs/PoseGraphEdge: LOOPCLOSE
-_NO_ROBOT = 2**32 - 1  # of a uint32; no robot takes it for itself
-_OURS = 1  # rtabmap_msgs/GlobalDescriptor: tells kinds of them apart
-_CV_32FC1 = 5  # OpenCV's number of a matrix of floats
+_NO_ROBOT = 2**32 - 1  # the largest uint32, which no robot has as its id
+_OURS = 1  # rtabmap_msgs/GlobalDescriptor: the kind of descriptor
+_CV_32FC1 = 5  # OpenCV's code of a float matrix
 
 
 def rtabmap_link(kinds: Kinds, query: int, reference: int, closure: Closure) -> Any:
@@ -44,14 +44,14 @@ def rtabmap_descriptor(kinds: Kinds, header: Any, descriptor: np.ndarray) -> Any
     shape = np.array([1, len(floats), _CV_32FC1], '<i4')
     # rtabmap/core/Compression.h: zlib, then rows, columns and type of the matrix.
     data = np.frombuffer(zlib.compress(floats.tobytes()) + shape.tobytes(), np.uint8)
-    nothing = np.zeros(0, np.uint8)
+    empty = np.zeros(0, np.uint8)
     return kinds['rtabmap_msgs/msg/GlobalDescriptor'](
-        header=header, type=_OURS, info=nothing, data=data
+        header=header, type=_OURS, info=empty, data=data
     )
 
 
 def swarm_local_match(kinds: Kinds, query: int, reference: int) -> Any:
-    """Return Swarm-SLAM's match of two keyframes of one robot; it registers them itself."""
+    """Return a Swarm-SLAM match of two keyframes of one robot; Swarm-SLAM registers them."""
     kind = kinds['cslam_common_interfaces/msg/LocalKeyframeMatch']
     return kind(keyframe0_id=query, keyframe1_id=reference)
 
@@ -60,9 +60,9 @@ def swarm_robot_matches(
     kinds: Kinds, query: tuple[int, int], reference: tuple[int, int], weight: float
 ) -> Any:
     """
-    Return Swarm-SLAM's match of keyframes, each a robot and a number, of two robots, as a list.
+    Return a Swarm-SLAM match list of two robots; a keyframe is a robot and a number.
 
-    Each robot leaves out what it sent.
+    Each robot ignores its own messages.
     """
     match = kinds['cslam_common_interfaces/msg/InterRobotMatch'](
         robot0_id=query[0],
@@ -76,7 +76,7 @@ def swarm_robot_matches(
 
 
 def voxgraph_edges(kinds: Kinds, header: Any, closure: Closure) -> Any:
-    """Return voxgraph_msgs/LoopClosureEdgeList of one: T_A_B is of the query in the reference."""
+    """Return voxgraph_msgs/LoopClosureEdgeList of an edge; T_A_B: the query in the reference."""
     edge = kinds['voxgraph_msgs/msg/LoopClosureEdge'](
         timestamp_a=_time(kinds, closure.reference_ns),
         timestamp_b=_time(kinds, closure.query_ns),

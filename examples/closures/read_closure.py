@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reading `~/closure` in Python; needs NumPy and the message only. Copy it."""
+"""Reads `~/closure` in Python. To be copied: it needs only NumPy and the message."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ TYPES = {2: 'u1', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}  # of sensor_msgs/PointFie
 
 
 def read_closure(message):
-    """Return the fields of a closure by name, such as ['x'] and ['covariance']."""
+    """Return the fields of a closure by name, for example ['x'] and ['covariance']."""
     kinds = [(TYPES[f.datatype], (f.count,) if f.count > 1 else ()) for f in message.fields]
     names, offsets = [f.name for f in message.fields], [f.offset for f in message.fields]
     layout = {'names': names, 'formats': kinds, 'offsets': offsets}
@@ -19,5 +19,5 @@ def read_closure(message):
 
 
 def stamp_ns(closure, name):
-    """Return the stamp of the 'query' or of the 'reference', exact to the nanosecond."""
+    """Return the stamp of the 'query' or the 'reference' in nanoseconds."""
     return int(closure[f'{name}_sec']) * 10**9 + int(closure[f'{name}_nanosec'])

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How far a path is from the truth, and what false closures cost it."""
+"""The error of a path against the truth, and the cost of false closures."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,30 +19,30 @@ _SAME_M = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """Several graphs that were told the same number of false closures, each time other ones."""
+    """Several graphs with the same number of false closures, drawn anew for each."""
 
-    false: int  # how many
-    robust: bool  # by graduated non-convexity, or believing every closure
+    false: int  # number of false closures
+    robust: bool  # by graduated non-convexity; otherwise all closures are used
     errors_m: tuple[float, ...]  # trajectory error of each graph
     right_kept: tuple[int, ...]  # closures that each graph kept
     false_kept: tuple[int, ...]
 
     @property
     def median_m(self) -> float:
-        """The error in the middle."""
+        """The median error."""
         return median(self.errors_m)
 
 
 def draw_false(rng: np.random.Generator, truth: Truth, count: int) -> list[Closure]:
-    """Return closures of places that are 20 m apart or more, passed 30 s apart or more."""
+    """Return closures between places at least 20 m apart, visited at least 30 s apart."""
     stamps = sorted(truth)
-    found: list[Closure] = []
-    while len(found) < count:
+    closures: list[Closure] = []
+    while len(closures) < count:
         reference_ns, query_ns = sorted(stamps[i] for i in rng.integers(0, len(stamps), 2))
         far = math.dist(truth[reference_ns], truth[query_ns]) >= _APART_M
         if far and query_ns - reference_ns >= _APART_NS:
-            found.append(Closure(query_ns, reference_ns))
-    return found
+            closures.append(Closure(query_ns, reference_ns))
+    return closures
 
 
 def error_m(solution: Solution, truth: Truth, before: bool = False) -> float:

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Loop closures into a pose graph, live: `make demo-slam`."""
+"""Feeds loop closures into a pose graph, live: `make demo-slam`."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ Errors = Mapping[str, tuple[float, float]]
 _MARKER = '.convseq-demo-slam'
 _BLOCK_M = 110.0, 70.0  # of the town
 _COUNTS = (0, 1, 3, 6, 12)
-_RIGHT_M, _RIGHT_DEG = 2.0, 10.0  # what a right closure says is off by less
+_RIGHT_M, _RIGHT_DEG = 2.0, 10.0  # largest errors of a right closure
 _VPR = {
     'mode': 'online', 'exclusion_s': 30.0, 'closure_interval_s': 2.0,
     'matching': 'coherent', 'search': 'shortlist', 'queue_size': 1000, 'max_wait_s': 0.0,
@@ -60,14 +60,14 @@ def main() -> int:
 def _run(chosen: argparse.Namespace) -> None:
     folder: Path = chosen.output.absolute()
     make_empty(folder, _MARKER)
-    _say('drawing a drive through a town')
+    _progress('drawing a drive through a town')
     route = two_blocks(*_BLOCK_M, chosen.seed)
     recording = folder / 'drive'
     record(recording, route, chosen.seed)
     poses = dict(read_poses(recording, '/ground_truth'))
     truth = {stamp_ns: pose.position[:2] for stamp_ns, pose in poses.items()}
     false = draw_false(np.random.default_rng(0), truth, chosen.false)
-    _say(f'playing it to vpr_node and to the pose graph, at {chosen.rate:g} times its speed')
+    _progress(f'playing it to vpr_node and to the pose graph, at {chosen.rate:g} times its speed')
     play(folder, len(truth), chosen.rate, _VPR, false)
 
     stamped, closures, kept = read_record(folder / 'pose_graph.json')
@@ -78,12 +78,12 @@ def _run(chosen: argparse.Namespace) -> None:
     for stamp_ns, pose in stamped:
         odometry.add(stamp_ns, pose)
     right = [closure for closure in ours if _is_right(*_off(poses, closure))]
-    _say(f'adding false closures, {chosen.draws} times each number')
+    _progress(f'adding false closures, {chosen.draws} times each number')
     trials = compare(odometry, right, truth, _COUNTS, chosen.draws)
 
     live = optimise(odometry, closures)
     errors = _errors(odometry, ours, live, truth)
-    print(f'\n{_told(route.length_m, len(truth))}\n')
+    print(f'\n{_description(route.length_m, len(truth))}\n')
     print(_summary(poses, ours, kept, is_false))
     print()
     print(_table(errors, trials, len(right)))
@@ -105,12 +105,12 @@ def _run(chosen: argparse.Namespace) -> None:
 
 
 def _errors(odometry: Odometry, ours: Sequence[Closure], live: Solution, truth: Truth) -> Errors:
-    """Return the errors by each way: of all keyframes, and of those passed twice."""
+    """Return the errors of each method: of all keyframes, and of those passed twice."""
     real, again = true_path(live, truth), twice(live, truth)
     batch = optimise(odometry, ours)
-    believed = [closure for closure, kept in zip(ours, batch.kept, strict=True) if kept]
+    kept_closures = [closure for closure, is_kept in zip(ours, batch.kept, strict=True) if is_kept]
     incremental = Incremental()
-    incremental.update(odometry, believed)
+    incremental.update(odometry, kept_closures)
     paths = {
         'odometry alone': live.before,
         'every closure of vpr_node believed': optimise(odometry, ours, robust=False).after,
@@ -124,7 +124,7 @@ def _errors(odometry: Odometry, ours: Sequence[Closure], live: Solution, truth: 
     }
 
 
-def _told(length_m: float, frames: int) -> str:
+def _description(length_m: float, frames: int) -> str:
     return (
         f'A drawn town: {length_m:.0f} m, {frames} frames; odometry is {DRIFT.scale:.1%} too long '
         f'and turns {DRIFT.yaw_bias_deg:g} degrees too far in 100 m, and noise.'
@@ -152,13 +152,13 @@ def _summary(
 
 
 def _off(poses: Mapping[int, Pose], closure: Closure) -> tuple[float, float]:
-    """Return by how many metres and degrees a closure is off; one not measured says no motion."""
+    """Return a closure's errors in metres and degrees; unmeasured closures assume no motion."""
     query, reference = (
-        _planar(poses[min(poses, key=lambda known: abs(known - stamp_ns))])
+        _planar(poses[min(poses, key=lambda at_ns: abs(at_ns - stamp_ns))])
         for stamp_ns in closure[:2]
     )
-    said = gtsam.Pose2(*closure.measured) if closure.measured else gtsam.Pose2()
-    off = reference.between(query).between(said)
+    measured = gtsam.Pose2(*closure.measured) if closure.measured else gtsam.Pose2()
+    off = reference.between(query).between(measured)
     return math.hypot(off.x(), off.y()), abs(math.degrees(off.theta()))
 
 
@@ -185,7 +185,7 @@ def _table(errors: Errors, trials: Sequence[Trial], right: int) -> str:
     lines = [
         'Trajectory error (ATE RMSE after SE2 alignment, metres), median of the draws',
         f'{"":38}{"all keyframes":>15}{"passed twice":>15}',
-        *(f'{name:38}{whole:>15.2f}{part:>15.2f}' for name, (whole, part) in errors.items()),
+        *(f'{name:38}{all_m:>15.2f}{twice_m:>15.2f}' for name, (all_m, twice_m) in errors.items()),
         'passed twice: keyframes within 5 m of where the robot was 30 s before or later',
         '',
     ]
@@ -202,8 +202,8 @@ def _least_most(counts: Sequence[int]) -> str:
     return str(low) if low == high else f'{low} - {high}'
 
 
-def _say(what: str) -> None:
-    print(f'{what} ...', file=sys.stderr)
+def _progress(text: str) -> None:
+    print(f'{text} ...', file=sys.stderr)
 
 
 if __name__ == '__main__':

@@ -1,9 +1,9 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Odometry and loop closures in, a corrected path out; solved as `convseq map link` does.
+Corrects the path of odometry with loop closures, with the solver of `convseq map link`.
 
-A record is what a graph was told, as a file from which it can be made again.
+A record is a file with the inputs of a graph, from which the graph can be rebuilt.
 """
 
 from bisect import bisect_right
@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 _HELD = (1e-3, 1e-3, 1e-4)
 _NEWEST_NS = 200_000_000
-# Standard deviations that a measured closure has at least: neighbours see the same map alike.
+# Smallest standard deviations of a measured closure: errors of neighbours are correlated.
 _FINEST = (0.1, 0.1, 0.01)
 
 
@@ -35,46 +35,46 @@ class Pose(NamedTuple):
 
 
 class Closure(NamedTuple):
-    """Two times at which the robot was at the same place; None for what was not measured."""
+    """Two times at which the robot was at the same place; None for missing measurements."""
 
     query_ns: int  # the later one
     reference_ns: int
-    turn_rad: float | None = None  # to the left, against before
-    measured: Pose | None = None  # where the robot was then, as seen from where it was before
-    covariance: Sequence[float] | None = None  # 9 numbers: of that x, y and yaw, row by row
+    turn_rad: float | None = None  # turn since the reference, to the left
+    measured: Pose | None = None  # the query's pose relative to the reference
+    covariance: Sequence[float] | None = None  # 9 numbers: of x, y and yaw, row by row
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Standard deviations of what the graph is told."""
+    """Standard deviations of the measurements in the graph."""
 
-    odometry_m: float = 0.05  # after one metre; it grows with the square root of the distance
+    odometry_m: float = 0.05  # after 1 m; it grows with the square root of the distance
     odometry_rad: float = 0.01  # likewise
-    # Of a closure's position, along and across: the spacing of places, a frame or two by which a
-    # match is off, and the width of a lane.
+    # Of a closure's position, along and across. It covers the spacing of places, matches that are
+    # off by one or two frames, and the width of a lane.
     closure_m: float = 1.5
-    closure_rad: float = 0.15  # of its heading, if the robot is only supposed to look the same way
-    turn_rad: float = 0.05  # of its heading, if that was measured
-    # A closure is kept if so many of the right ones would agree with the graph as badly.
+    closure_rad: float = 0.15  # of its heading, if only assumed to be the same
+    turn_rad: float = 0.05  # of its heading, if measured
+    # A closure is kept if its residual is within this quantile of right closures.
     inlier_probability: float = 0.99
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """Where the robot was at its keyframes; both paths begin at the first odometry."""
+    """The poses of the keyframes; both paths begin at the first odometry."""
 
     stamps_ns: npt.NDArray[np.int64]  # (N,)
     before: npt.NDArray[np.float64]  # (N, 3): x, y, yaw by odometry alone
-    after: npt.NDArray[np.float64]  # (N, 3), as corrected
-    # For each closure, whether the corrected path agrees; not with one outside the odometry.
+    after: npt.NDArray[np.float64]  # (N, 3), corrected
+    # For each closure, whether the corrected path agrees; False outside the odometry.
     kept: tuple[bool, ...]
 
 
 class Odometry:
     """
-    Where the robot believes to be over time; some of it are keyframes, the nodes of the graph.
+    The poses of odometry over time; some are keyframes, the nodes of the graph.
 
-    A keyframe is made after so many metres or radians.
+    A keyframe is added after a distance in metres or a turn in radians.
     """
 
     def __init__(self, keyframe_distance_m: float = 2.0, keyframe_turn_rad: float = 0.35) -> None:
@@ -88,7 +88,7 @@ class Odometry:
 
     @property
     def measured(self) -> list[tuple[int, Pose]]:
-        """All that was added: stamps in nanoseconds, and poses."""
+        """All added stamps in nanoseconds, and poses."""
         return list(zip(self._stamps, self._poses, strict=True))
 
     @property
@@ -102,7 +102,7 @@ class Odometry:
         return [self._poses[index] for index in self._keyframes]
 
     def add(self, stamp_ns: int, pose: Pose) -> bool:
-        """Append a pose, and tell whether it became a keyframe; late ones are left out."""
+        """Append a pose, and return whether it became a keyframe; late poses are ignored."""
         if self._stamps and stamp_ns <= self._stamps[-1]:
             return False
         self._stamps.append(stamp_ns)
@@ -116,7 +116,7 @@ class Odometry:
         return True
 
     def at(self, stamp_ns: int) -> Pose | None:
-        """Return the pose at a time, between those added; up to 0.2 s later it is the last one."""
+        """Return the interpolated pose at a time, or the last pose up to 0.2 s after it."""
         after = bisect_right(self._stamps, stamp_ns)
         if not after or stamp_ns - self._stamps[-1] > _NEWEST_NS:
             return None
@@ -132,7 +132,7 @@ class Odometry:
         )
 
     def place(self, stamp_ns: int) -> tuple[int, gtsam.Pose2] | None:
-        """Return the number of the last keyframe before a time, and the way from there."""
+        """Return the index of the last keyframe before a time, and the relative pose since."""
         pose = self.at(stamp_ns)
         if pose is None:
             return None
@@ -147,12 +147,12 @@ def optimise(
     robust: bool = True,
 ) -> Solution:
     """
-    Return the path that agrees best with the odometry and with the closures.
+    Return the path that fits the odometry and the closures best.
 
-    A closure says how far two places are apart as it was measured; else that they are the same:
-    position zero apart, heading as measured or alike. `gnc_fit` decides which closures to
-    believe, or all are without `robust`, by plain Levenberg-Marquardt; the odometry is always
-    believed. Closures outside the odometry are left out. ValueError if there is no odometry.
+    A measured closure constrains the relative pose of two places. Any other closure constrains
+    them to the same position, and to the measured or the same heading. `gnc_fit` selects the
+    closures to keep; without `robust`, Levenberg-Marquardt uses all. Odometry is always used.
+    Closures outside the odometry are left out. ValueError if there is no odometry.
     """
     noise = noise or Noise()
     poses = [gtsam.Pose2(*pose) for pose in odometry.keyframes]
@@ -162,7 +162,7 @@ def optimise(
     for index, pose in enumerate(poses):
         graph.add(odometry_factor(poses, index, noise))
         initial.insert(index, pose)
-    believed = graph.size()
+    fixed = graph.size()
     used = []
     for number, closure in enumerate(closures):
         factor = closure_factor(odometry, closure, noise)
@@ -171,7 +171,7 @@ def optimise(
             graph.add(factor)
     result, inliers = initial, [True] * len(used)
     if used and robust:
-        result, inliers = gnc_fit(graph, initial, believed, noise.inlier_probability)
+        result, inliers = gnc_fit(graph, initial, fixed, noise.inlier_probability)
     elif used:
         result = gtsam.LevenbergMarquardtOptimizer(graph, initial).optimize()
     kept = [False] * len(closures)
@@ -189,7 +189,7 @@ def optimise(
 def odometry_factor(
     poses: Sequence[gtsam.Pose2], index: int, noise: Noise
 ) -> gtsam.NonlinearFactor:
-    """Return what holds a keyframe: the way from the one before, or, of the first, its place."""
+    """Return the factor from the previous keyframe, or the prior of the first keyframe."""
     if not index:
         return gtsam.PriorFactorPose2(0, poses[0], _sigmas(*_HELD))
     step = poses[index - 1].between(poses[index])
@@ -201,7 +201,7 @@ def odometry_factor(
 def closure_factor(
     odometry: Odometry, closure: Closure, noise: Noise
 ) -> gtsam.BetweenFactorPose2 | None:
-    """Return the factor between the keyframes before both times; None if it would say nothing."""
+    """Return the factor between the keyframes before both times; None if there is none."""
     reference, query = odometry.place(closure.reference_ns), odometry.place(closure.query_ns)
     if reference is None or query is None or reference[0] == query[0]:
         return None
@@ -227,29 +227,29 @@ def _sigmas(*values: float) -> gtsam.noiseModel.Diagonal:
 
 
 def micro(stamp_ns: int) -> int:
-    """Return microseconds, as exactly as seconds in a float64 keep them."""
+    """Return microseconds, the precision of seconds in a float64."""
     return round(stamp_ns / 1000)
 
 
 def write_record(
     path: Path, odometry: Odometry, closures: Sequence[Closure], kept: Sequence[bool]
 ) -> None:
-    """Write all odometry, all closures and what became of them; complete or not at all."""
-    told = {
+    """Write all odometry, all closures and whether they were kept, in one step."""
+    record = {
         'odometry': [[stamp_ns, *pose] for stamp_ns, pose in odometry.measured],
         'closures': closures,
         'kept': kept,
     }
     with complete_or_absent(path) as part:
-        part.write_text(json.dumps(told))
+        part.write_text(json.dumps(record))
 
 
 def read_record(path: Path) -> tuple[list[tuple[int, Pose]], list[Closure], list[bool]]:
     """Return stamped odometry, closures, and whether each closure was kept."""
-    told = json.loads(path.read_text())
-    odometry = [(stamp_ns, Pose(*pose)) for stamp_ns, *pose in told['odometry']]
+    record = json.loads(path.read_text())
+    odometry = [(stamp_ns, Pose(*pose)) for stamp_ns, *pose in record['odometry']]
     closures = [
         Closure(*times, turn_rad, measured and Pose(*measured), covariance and tuple(covariance))
-        for *times, turn_rad, measured, covariance in told['closures']
+        for *times, turn_rad, measured, covariance in record['closures']
     ]
-    return odometry, closures, told['kept']
+    return odometry, closures, record['kept']

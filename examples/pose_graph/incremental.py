@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The same graph kept up to date keyframe by keyframe: iSAM2."""
+"""Updates the same graph keyframe by keyframe with iSAM2."""
 
 from collections.abc import Sequence
 
@@ -9,27 +9,27 @@ import gtsam
 import numpy as np
 import numpy.typing as npt
 
-# Beyond so many standard deviations a closure pulls no harder; 95 % as good as least squares.
+# Residual, in standard deviations, beyond which a closure's pull stays constant; 95 % efficient.
 _HUBER = 1.345
-# Steps after new closures: each is one of Gauss and Newton, and the first may bend the whole path.
+# Gauss-Newton steps after new closures; the first closure may bend the entire path.
 _ROUNDS = 4
 
 
 class Incremental:
     """
-    Follows odometry, and takes in closures that something else believed.
+    Adds odometry and accepted closures to the graph.
 
-    A Huber kernel bounds how hard one closure pulls; it rejects none, so give it those that
-    `graph.optimise` kept. When one of them is kept no longer, the graph is made anew.
+    A Huber kernel bounds the pull of a closure but rejects none, so pass the closures that
+    `graph.optimise` kept. If a closure is no longer kept, the graph is rebuilt.
     """
 
     def __init__(self, noise: Noise | None = None) -> None:
         self._noise = noise or Noise()
         self._begin()
 
-    def update(self, odometry: Odometry, believed: Sequence[Closure]) -> None:
-        """Take in the keyframes that are new, and closures; those outside the odometry wait."""
-        if not set(self._taken) <= {closure[:2] for closure in believed}:
+    def update(self, odometry: Odometry, closures: Sequence[Closure]) -> None:
+        """Add new keyframes and closures; closures outside the odometry wait."""
+        if not set(self._taken) <= {closure[:2] for closure in closures}:
             self._begin()
         poses = [gtsam.Pose2(*pose) for pose in odometry.keyframes]
         graph, initial = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -37,8 +37,8 @@ class Incremental:
         for index in range(self._count, len(poses)):
             graph.add(odometry_factor(poses, index, self._noise))
             initial.insert(index, guess.compose(poses[index]))
-        self._count, known = len(poses), len(self._taken)
-        for closure in believed:
+        self._count, before = len(poses), len(self._taken)
+        for closure in closures:
             if closure[:2] not in self._taken:
                 factor = closure_factor(odometry, closure, self._noise)
                 if factor is not None:
@@ -47,7 +47,7 @@ class Incremental:
         if not graph.size():
             return
         self._isam.update(graph, initial)
-        for _ in range(_ROUNDS if len(self._taken) > known else 0):
+        for _ in range(_ROUNDS if len(self._taken) > before else 0):
             self._isam.update()
         estimate = self._isam.calculateEstimate()
         self._path = np.array([pose_of(estimate.atPose2(index)) for index in range(len(poses))])
@@ -55,17 +55,17 @@ class Incremental:
 
     @property
     def path(self) -> npt.NDArray[np.float64]:
-        """Where the robot was at its keyframes: x, y, yaw, shape (N, 3)."""
+        """The poses of the keyframes: x, y, yaw, (N, 3)."""
         return self._path
 
     @property
     def correction(self) -> Pose:
-        """Where the odometry's frame is in the map's: what map -> odom would be."""
+        """The pose of the odometry frame in the map frame: the transform map -> odom."""
         return pose_of(self._correction)
 
     def _begin(self) -> None:
         parameters = gtsam.ISAM2Params()
-        # A first closure moves everything: the point at which the graph is linear, too.
+        # The first closure moves all poses, so the linearisation point must move too.
         parameters.setRelinearizeThreshold(0.01)
         parameters.relinearizeSkip = 1
         self._isam = gtsam.ISAM2(parameters)

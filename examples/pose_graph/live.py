@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The drive played to vpr_node and to the pose graph, each in a process of its own, over DDS."""
+"""Plays the drive to vpr_node and to the pose graph over DDS, each in a separate process."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -29,11 +29,11 @@ _POLL_S = 0.2
 
 
 class FalseClosures(Node):
-    """Lies: publishes each closure on `loop_closure` when odometry has come so far."""
+    """Publishes each false closure on `loop_closure` when odometry reaches its time."""
 
     def __init__(self, false: Sequence[Closure], context: Context) -> None:
         super().__init__('false_closures', context=context)
-        self._pairs = sorted([one.query_ns / 1e9, one.reference_ns / 1e9] for one in false)
+        self._pairs = sorted([item.query_ns / 1e9, item.reference_ns / 1e9] for item in false)
         self._closures = self.create_publisher(Float64MultiArray, _LOOP_CLOSURE, 10)
         self.create_subscription(Odometry, 'odom', self._on_odometry, 1000)
 
@@ -51,11 +51,11 @@ def play(
     false: Sequence[Closure],
 ) -> None:
     """
-    Run all of it until every frame of a recording was recognised; ConvseqError if a process fails.
+    Run all nodes until every frame of a recording is processed; ConvseqError if a process fails.
 
-    The folder holds the recording `drive`; it gets the logs, `vpr_node.csv` and
-    `pose_graph.json`. It is played at `rate` times its speed, to a vpr_node with some `settings`,
-    and `false` closures are sent in between.
+    The folder holds the recording `drive`. Logs, `vpr_node.csv` and `pose_graph.json` are written
+    there. The recording is played at `rate` times its speed to a vpr_node with `settings`, and
+    `false` closures are sent in between.
     """
     table = folder / 'vpr_node.csv'
     vpr = ['-m', 'convseq_ros.node.vpr_node', *_parameters(settings, table)]
@@ -66,18 +66,18 @@ def play(
     ]
     player = player_arguments(folder / 'drive', rate)
     with (
-        _lying(false, folder) as liar,
+        _false_closures(false, folder) as sender,
         running('pose_graph', graph, folder, _END_S) as back_end,
         running('player', player, folder, _END_S) as playing,
     ):
         nodes = {'pose_graph': back_end}
         _wait_for_back_end({**nodes, 'player': playing}, folder)
-        # The player waits for vpr_node, which therefore comes last: all hear its first message.
+        # The player waits for vpr_node, so start it last: then all nodes get the first message.
         with running('vpr_node', vpr, folder, _END_S) as node:
             nodes['vpr_node'] = node
             while playing.poll() is None:
                 _check(nodes, folder)
-                liar.spin_once(timeout_sec=_POLL_S)
+                sender.spin_once(timeout_sec=_POLL_S)
             if playing.returncode:
                 raise ConvseqError(f'the player failed; see {folder / "player.log"}')
             rows = wait_for_rows(table, frames, _STALLED_S)
@@ -89,8 +89,8 @@ def play(
 
 
 @contextmanager
-def _lying(false: Sequence[Closure], folder: Path) -> Iterator[SingleThreadedExecutor]:
-    """Yield what serves a node that sends false closures to those of a folder."""
+def _false_closures(false: Sequence[Closure], folder: Path) -> Iterator[SingleThreadedExecutor]:
+    """Yield the executor of a node that sends false closures to the nodes of a folder."""
     os.environ.update(environment(folder))
     context = Context()
     context.init()
@@ -119,6 +119,6 @@ def _check(processes: Mapping[str, subprocess.Popen[bytes]], folder: Path) -> No
 
 
 def _parameters(settings: Mapping[str, object], result_file: Path) -> list[str]:
-    """Return a node's parameters as its command line takes them."""
+    """Return a node's parameters as command-line arguments."""
     values = {**settings, 'result_file': result_file}
     return ['--ros-args', *(p for name in values for p in ('-p', f'{name}:={values[name]}'))]

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The drive before and after, its closures, and what false ones cost."""
+"""Draws the drive before and after the correction, its closures, and the cost of false ones."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,14 +31,14 @@ def draw_picture(
     closures: Sequence[Closure],
     truth: Truth,
     trials: Sequence[Trial],
-    told: str,
+    subtitle: str,
 ) -> None:
-    """Write a PNG, 1600 x 900: both paths with the closures, beside the errors; `told` above."""
+    """Write a PNG, 1600 x 900: both paths with the closures beside the errors, and a subtitle."""
     with rc_context(_STYLE):
         figure = new_figure(16, 9, EDGE)
         figure.set_layout_engine('constrained', w_pad=0.15)
         figure.suptitle(
-            f'Loop closures of vpr_node in a GTSAM pose graph, live over ROS topics\n{told}',
+            f'Loop closures of vpr_node in a GTSAM pose graph, live over ROS topics\n{subtitle}',
             size=15,
         )
         panels = figure.subplot_mosaic([['before', 'cost'], ['after', 'cost']])
@@ -66,25 +66,25 @@ def draw_picture(
 def _placed(
     odometry: Odometry, closures: Sequence[Closure], kept: Sequence[bool]
 ) -> list[tuple[int, int, bool]]:
-    """Return the keyframes of closures within the odometry, and whether they were kept."""
-    found = []
+    """Return the keyframe pairs of closures within the odometry, and whether they were kept."""
+    placed = []
     for closure, inlier in zip(closures, kept, strict=True):
         query, reference = odometry.place(closure.query_ns), odometry.place(closure.reference_ns)
         if query and reference:
-            found.append((query[0], reference[0], inlier))
-    return found
+            placed.append((query[0], reference[0], inlier))
+    return placed
 
 
 def _draw_closures(
     axes: Any, path: npt.NDArray[np.float64], closures: Sequence[tuple[int, int, bool]]
 ) -> None:
-    for inlier, colour, style, what in (
+    for inlier, colour, style, label_text in (
         (True, _KEPT, 'o-', 'closures kept'),
         (False, _REJECTED, 'x--', 'rejected'),
     ):
         pairs = [[query, reference] for query, reference, kept in closures if kept == inlier]
         for number, pair in enumerate(pairs):
-            label = '' if number else f'{len(pairs)} {what}'
+            label = '' if number else f'{len(pairs)} {label_text}'
             axes.plot(*path[pair].T, style, color=colour, linewidth=1.3, markersize=4, label=label)
 
 
@@ -95,12 +95,12 @@ def _bars(axes: Any, trials: Sequence[Trial], before_m: float) -> None:
         (True, _KEPT, 0.2, 'graduated non-convexity'),
     ):
         chosen = [next(t for t in trials if (t.false, t.robust) == (c, robust)) for c in counts]
-        middle = np.array([trial.median_m for trial in chosen])
-        low = middle - [min(trial.errors_m) for trial in chosen]
-        high = np.array([max(trial.errors_m) for trial in chosen]) - middle
+        medians = np.array([trial.median_m for trial in chosen])
+        low = medians - [min(trial.errors_m) for trial in chosen]
+        high = np.array([max(trial.errors_m) for trial in chosen]) - medians
         at = np.arange(len(counts)) + shift
         bars = axes.bar(
-            at, middle, 0.38, yerr=(low, high), color=colour, ecolor=_PALE, label=label
+            at, medians, 0.38, yerr=(low, high), color=colour, ecolor=_PALE, label=label
         )
         axes.bar_label(bars, fmt='%.1f')
     axes.axhline(before_m, color=_BEFORE, linestyle='--', label=f'odometry alone {before_m:.1f}')

@@ -1,14 +1,13 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A back end in one node: odometry and loop closures in, the path before and after out.
+A back end in one node: corrects the path of odometry with loop closures.
 
-Subscribes to `odom` (nav_msgs/Odometry), to `loop_closure` (std_msgs/Float64MultiArray, two times
-in seconds), if `use_pose` is true, to `pose` (geometry_msgs/PoseWithCovarianceStamped, by that
-odometry), and, if `use_closure` is true, to `closure` (sensor_msgs/PointCloud2), which tells how
-far both places of a closure are apart. Publishes `~/path_before` and `~/path_after`
-(nav_msgs/Path), `~/map_to_odom` (geometry_msgs/PoseStamped, what that transform would be) and
-/diagnostics.
+Subscribes to `odom` (nav_msgs/Odometry) and `loop_closure` (std_msgs/Float64MultiArray, two times
+in seconds). With `use_pose`, also to `pose` (geometry_msgs/PoseWithCovarianceStamped, in the frame
+of the odometry). With `use_closure`, also to `closure` (sensor_msgs/PointCloud2), which has the
+relative pose of a closure. Publishes `~/path_before` and `~/path_after` (nav_msgs/Path),
+`~/map_to_odom` (geometry_msgs/PoseStamped, not broadcast) and /diagnostics.
 """
 
 from dataclasses import asdict
@@ -52,10 +51,10 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / 'closures'))
 from read_closure import read_closure
 from read_closure import stamp_ns as stamp_of
 
-# No message is lost while the graph is optimised.
+# Deep enough that no message is lost while the graph is optimised.
 _DEPTH = 1000
 _TURN = ('qx', 'qy', 'qz', 'qw')
-_PLANAR = (0, 1, 5)  # x, y and yaw among the six of a covariance
+_PLANAR = (0, 1, 5)  # indices of x, y and yaw in a covariance of six
 
 
 class PoseGraphNode(Node):
@@ -83,20 +82,21 @@ class PoseGraphNode(Node):
         self._after = self.create_publisher(PathMessage, '~/path_after', 1)
         self._correction = self.create_publisher(PoseStamped, '~/map_to_odom', 1)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        hear = partial(self.create_subscription, qos_profile=QoSProfile(depth=_DEPTH))
-        chosen = partial(hear, qos_overriding_options=QoSOverridingOptions.with_default_policies())
-        events = SubscriptionEventCallbacks(matched=self._on_matched)
-        chosen(OdometryMessage, 'odom', self._on_odometry, event_callbacks=events)
-        chosen(Float64MultiArray, 'loop_closure', self._on_closure)
+        subscribe = partial(self.create_subscription, qos_profile=QoSProfile(depth=_DEPTH))
+        overrides = QoSOverridingOptions.with_default_policies()
+        tunable = partial(subscribe, qos_overriding_options=overrides)
+        matched = SubscriptionEventCallbacks(matched=self._on_matched)
+        tunable(OdometryMessage, 'odom', self._on_odometry, event_callbacks=matched)
+        tunable(Float64MultiArray, 'loop_closure', self._on_closure)
         if self._declared('use_pose', False):
-            hear(PoseWithCovarianceStamped, 'pose', self._on_pose)
+            subscribe(PoseWithCovarianceStamped, 'pose', self._on_pose)
         if self._declared('use_closure', False):
-            hear(PointCloud2, 'closure', self._on_measured)
+            subscribe(PointCloud2, 'closure', self._on_measured)
         self.create_timer(self._declared('period_s', 1.0), self._work)
         self.get_logger().info('listening to odometry and closures')
 
     def finish(self) -> None:
-        """Optimise once more, with all that has come, and write the result file."""
+        """Optimise once more with all messages, and write the result file."""
         if not len(self._odometry):
             return
         self._solve()
@@ -128,8 +128,8 @@ class PoseGraphNode(Node):
         position, turn = [closure[name] for name in 'xy'], [closure[name] for name in _TURN]
         if not np.isfinite([*position, *turn]).all():
             return
-        whole = closure['covariance'].reshape(6, 6)
-        planar = whole[np.ix_(_PLANAR, _PLANAR)].ravel()
+        covariance = closure['covariance'].reshape(6, 6)
+        planar = covariance[np.ix_(_PLANAR, _PLANAR)].ravel()
         pair = micro(stamp_of(closure, 'query')), micro(stamp_of(closure, 'reference'))
         self._measured[pair] = Pose(*map(float, position), _yaw(*turn)), tuple(planar.tolist())
 
@@ -143,13 +143,13 @@ class PoseGraphNode(Node):
         self._pairs.append((query_ns, reference_ns))
 
     def _work(self) -> None:
-        # A closure may be heard before the first odometry is.
+        # A closure may arrive before the first odometry.
         if len(self._odometry) and len(self._pairs) > len(self._closures):
             self._solve()
-            self._tell()
+            self._report()
         if len(self._odometry) > self._shown:
-            believed = [one for one, kept in zip(self._closures, self._kept, strict=True) if kept]
-            self._incremental.update(self._odometry, believed)
+            kept = [pair[0] for pair in zip(self._closures, self._kept, strict=True) if pair[1]]
+            self._incremental.update(self._odometry, kept)
             self._show()
 
     def _solve(self) -> None:
@@ -162,7 +162,7 @@ class PoseGraphNode(Node):
         self._duration_s = time.monotonic() - begun_s
 
     def _turn(self, query_ns: int, reference_ns: int) -> float | None:
-        """Return how far the robot was turned against before, if a pose told."""
+        """Return the turn since the reference, or None if no pose gives the heading."""
         heading = self._headings.get(micro(query_ns))
         before = self._odometry.at(reference_ns)
         if heading is None or before is None:
@@ -170,17 +170,17 @@ class PoseGraphNode(Node):
         return math.remainder(heading - before.yaw, 2 * math.pi)
 
     def _show(self) -> None:
-        """Publish both paths; what came after the last closure follows the corrected end."""
+        """Publish both paths; poses after the last closure continue from its corrected end."""
         self._shown = len(self._odometry)
         before = self._odometry.keyframes
         stamps_ns = self._odometry.stamps_ns
         after = before
         if self._solution is not None:
             corrected = [Pose(*pose) for pose in self._solution.after.tolist()]
-            known = len(corrected)
-            end, moved = gtsam.Pose2(*corrected[-1]), gtsam.Pose2(*before[known - 1])
-            rest = [end.compose(moved.between(gtsam.Pose2(*pose))) for pose in before[known:]]
-            after = corrected + [Pose(one.x(), one.y(), one.theta()) for one in rest]
+            solved = len(corrected)
+            end, moved = gtsam.Pose2(*corrected[-1]), gtsam.Pose2(*before[solved - 1])
+            rest = [end.compose(moved.between(gtsam.Pose2(*pose))) for pose in before[solved:]]
+            after = corrected + [Pose(pose.x(), pose.y(), pose.theta()) for pose in rest]
         for publisher, poses in ((self._before, before), (self._after, after)):
             publisher.publish(self._path(stamps_ns, poses))
         self._correction.publish(self._stamped(stamps_ns[-1], self._incremental.correction))
@@ -188,7 +188,7 @@ class PoseGraphNode(Node):
     def _path(self, stamps_ns: list[int], poses: list[Pose]) -> PathMessage:
         path = PathMessage()
         path.header.frame_id = self._map_frame
-        path.poses = [self._stamped(*one) for one in zip(stamps_ns, poses, strict=True)]
+        path.poses = [self._stamped(*pair) for pair in zip(stamps_ns, poses, strict=True)]
         path.header.stamp = path.poses[-1].header.stamp
         return path
 
@@ -201,7 +201,7 @@ class PoseGraphNode(Node):
         stamped.pose.orientation.w = math.cos(pose.yaw / 2)
         return stamped
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         kept, keyframes = sum(self._kept), len(self._odometry)
         rejected = len(self._closures) - kept
         text = (
@@ -236,7 +236,7 @@ def _stamp_ns(message: Any) -> int:
 
 def main() -> int:
     """Run until SIGINT or SIGTERM, then optimise once more; return the exit code."""
-    # As in vpr_node: rclpy's own handler ends the spinning, nothing is raised in between.
+    # As in vpr_node: rclpy's handler ends the spinning, and no exception interrupts the work.
     signal.signal(signal.SIGINT, lambda *_: None)
     rclpy.init()
     node = PoseGraphNode()

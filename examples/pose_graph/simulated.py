@@ -1,9 +1,9 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A drive through a drawn town that comes back along known streets, with odometry that drifts.
+Simulates a drive through a drawn town that revisits streets, with drifting odometry.
 
-Usage: python simulated.py FOLDER writes one as a recording.
+Usage: python simulated.py FOLDER writes the drive as a recording.
 """
 
 from collections.abc import Iterator
@@ -25,9 +25,9 @@ _LANE_M, _WANDER_M, _WANDER_EVERY_M = -1.5, 0.4, 30.0
 
 def two_blocks(width_m: float, depth_m: float, seed: int = 0) -> Route:
     """
-    Return a route once round a block, and then round that block and the next one together.
+    Return a route once round a block, and then round this block and the next one together.
 
-    `seed` decides which houses stand there.
+    `seed` is that of the houses.
     """
     west, middle, east = 0.0, width_m, 2 * width_m
     block = ((10.0, 0.0), (middle, 0.0), (middle, depth_m), (west, depth_m), (west, 0.0))
@@ -36,7 +36,7 @@ def two_blocks(width_m: float, depth_m: float, seed: int = 0) -> Route:
 
 
 def shots(route: Route, drift: Drift = DRIFT, seed: int = 0) -> Iterator[Shot]:
-    """Yield the frames of the drive: by day at first, under clouds in the second half."""
+    """Yield the frames of the drive: by day in the first half, under clouds in the second."""
     rng = np.random.default_rng(seed)
     at = np.arange(0.0, route.length_m + _WANDER_EVERY_M, _WANDER_EVERY_M)
     offsets = _LANE_M + rng.uniform(-_WANDER_M, _WANDER_M, len(at))
