@@ -3,14 +3,14 @@
 """
 Drive a drawn town for hours with the real node: `python -m bench.soak`, from the repository.
 
-What the node holds - memory, handles, threads - and how long answers take is written as a table, a
-picture and a line; the exit code is 1 if frames are unaccounted for, or memory grows by more than
-1 % an hour beside the places.
+Memory, handles and threads of the node, and the times to its answers, are written as a table, a
+picture and a line. The exit code is 1 if frames are unaccounted for, or if memory grows by more
+than 1 % per hour in addition to the places.
 
     python -m bench.soak --mode preloaded --rate 10 --minutes 100
-    python -m bench.soak --mode online --frames 288000      as fast as the node takes them
+    python -m bench.soak --mode online --frames 288000      as fast as the node can process
 
-Each sample goes to the table at once, so that a drive that is broken off leaves its samples.
+Each sample is written at once, so that an interrupted drive keeps its samples.
 """
 
 import argparse

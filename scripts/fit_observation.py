@@ -154,9 +154,9 @@ def main() -> None:
     for name, weights in (('fitted', fitted), ('shipped', shipped), ('half', fitted / 2)):
         print(f'{name:14}', *(f'{one:.2f}' for one in weights))
     print('above 0: drive, right, share by fit, as shipped; wrong, share by fit, as shipped')
-    for name, some in {**leads_of, 'all': rows}.items():
-        right = some[:, 2] > 0
-        above = [log_ratios(some, weights) > 0 for weights in (fitted, shipped)]
+    for name, values in {**leads_of, 'all': rows}.items():
+        right = values[:, 2] > 0
+        above = [log_ratios(values, weights) > 0 for weights in (fitted, shipped)]
         counts_of = [
             ' '.join(
                 (f'{kind.sum()}', *(f'{one[kind].mean():.3f}' for one in above if kind.any()))

@@ -72,7 +72,7 @@ def of_laps(data: Path) -> None:
             continue
         until_ns = place.stamp_ns - round(laps.EXCLUSION_S * 1e9)
         before = (where[one.stamp_ns] for one in built.places[:at] if one.stamp_ns <= until_ns)
-        known = any(one is not None and laps.off(one, here) <= laps.RIGHT for one in before)
+        known = any(at is not None and laps.off(at, here) <= laps.RIGHT for at in before)
         there += known
         if at in links and (linked := where[built.places[links[at].other].stamp_ns]) is not None:
             right += known and laps.off(linked, here) <= laps.RIGHT
@@ -124,8 +124,8 @@ def of_round(_data: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, 'round.db')
         for number in range(ROUNDS):
-            some = np.random.default_rng(number).choice(LIGHTS)
-            light = LIGHTS[number] if number < len(LIGHTS) else str(some)
+            random_light = np.random.default_rng(number).choice(LIGHTS)
+            light = LIGHTS[number] if number < len(LIGHTS) else str(random_light)
             session, verdicts = Session(path, config), list[bool | None]()
             for frame, pose in driven(route, number, light):
                 true[frame.stamp_ns] = pose

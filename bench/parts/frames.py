@@ -1,11 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A whole frame, from its gray image to the answer, with maps of all sizes, and by stage.
+The time of a frame, from its gray image to the answer, for all map sizes, and by stage.
 
-Times are those of the processor, so that a busy machine does not count. What the kernels of pair
-scores take scales with its integer peak; all the rest is taken to scale with its clock. The page
-computes what other processors take from these two.
+Times are CPU times, which other load does not affect. The time of the kernels of pair scores
+scales with the integer peak of the processor, all other time is assumed to scale with its clock.
+The page computes the times on other processors from these two.
 """
 
 from collections import defaultdict
@@ -45,7 +45,7 @@ from bench.parts.kernels import OPERATIONS, REGIONS, salient
 # The functions of each stage: their owners and names.
 STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     'encoding': ((recognizer, 'describe'),),
-    'frame gate': ((FrameGate, 'update'),),
+    'frame gate': ((FrameGate, 'check'),),
     'query': ((Matcher, 'extract'),),
     'coarse scores': ((CoarseScores, 'update'), (CoarseScores, 'best')),
     'track': ((Track, 'update'),),
@@ -67,7 +67,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
 BY_PEAK = ('pair scores',)  # the stages whose time scales with the integer peak
 REST = 'the rest'
 LENGTH = 10
-_WARM_FRAMES = max(LENGTH + 5, OBSERVED.first_frames)  # those after look at fewer places
+_WARM_FRAMES = max(LENGTH + 5, OBSERVED.first_frames)  # after these, fewer places are scored
 _ROUNDS = 60
 _TOLERANCE = 2
 _PERIOD_NS = 100_000_000

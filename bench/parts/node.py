@@ -144,10 +144,10 @@ def _node(work: Work, path: Path, waits: bool = True, **parameters: object) -> I
     for name in ALONE:  # the node decides that for itself
         os.environ.pop(name, None)
     cores = sorted(os.sched_getaffinity(0))
-    own, others = cores[: work.threads], cores[work.threads :] or cores
+    node_cores, camera_cores = cores[: work.threads], cores[work.threads :] or cores
     parameters['map_path'] = path.absolute()
-    with robot(work.folder, None, own, waits, **parameters) as one:
-        os.sched_setaffinity(0, others)
+    with robot(work.folder, None, node_cores, waits, **parameters) as one:
+        os.sched_setaffinity(0, camera_cores)
         try:
             yield one
         finally:

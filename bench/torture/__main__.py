@@ -3,9 +3,9 @@
 """
 Attack the program: `python -m bench.torture [ATTACK ...]`, from the repository.
 
-Every attack has a count, a seed and an oracle; docs/RELIABILITY.md says what came of it, and is
-written after every portion, so that a night that is broken off is not lost. The exit code is 1 if
-anything broke.
+Every attack has a count, a seed and an oracle. docs/RELIABILITY.md has the results, and is written
+after every portion, so that an interrupted run is not lost. The exit code is 1 if there was a
+problem.
 """
 
 import argparse

@@ -3,10 +3,10 @@
 """
 An attack is a module of this folder.
 
-It has `ABOUT`, what is done, `ORACLE`, what must hold after every try, and a `SEED`.
-`make torture` makes `COUNT` tries, `PORTION` at a time and each portion by the next seed; the
-tests make `SHORT`. `run(count, seed, folder)` yields a `Try` for each; a seed gives the same tries
-again.
+`ABOUT` describes it, `ORACLE` is the condition after every try, and `SEED` the first seed.
+`make torture` makes `COUNT` tries in portions of `PORTION`, each with the next seed. The tests
+make `SHORT` tries. `run(count, seed, folder)` yields a `Try` per try; a seed always gives the same
+tries.
 """
 
 from collections.abc import Callable, Iterator

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Small files of every kind that is read, all whole; what is hostile is made of them."""
+"""Small valid files of every kind that the package reads; hostile files are made from them."""
 
 from collections.abc import Callable, Iterable
 import functools
@@ -19,7 +19,7 @@ from rosbags.typesys import get_typestore, Stores
 
 ROS2, ROS1 = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
 IMAGE = 'sensor_msgs/msg/Image'
-Rows = Iterable[tuple[str, int, Any]]  # topic, when it was recorded, message
+Rows = Iterable[tuple[str, int, Any]]  # topic, time of recording, message
 _FRAMES = 4
 _START_NS, _STEP_NS = 1_700_000_000_000_000_000, 100_000_000
 _PICTURES: dict[str, tuple[str, list[int]]] = {
@@ -34,13 +34,13 @@ _PICTURES: dict[str, tuple[str, list[int]]] = {
 
 
 def gray(number: int = 0) -> np.ndarray:
-    """Return a picture of some noise."""
+    """Return a noise image."""
     noise = np.random.default_rng(number).integers(0, 256, (48, 64), np.uint8)
     return np.asarray(cv2.GaussianBlur(noise, (5, 5), 1.0))
 
 
 def pictures() -> dict[str, tuple[str, bytes]]:
-    """Return a suffix and a content for every kind of picture."""
+    """Return suffix and content of a file of every image format, by name."""
     colour = np.dstack([gray(0), gray(1), gray(2)])
     return {
         name: (suffix, cv2.imencode(suffix, colour, options)[1].tobytes())
@@ -50,7 +50,7 @@ def pictures() -> dict[str, tuple[str, bytes]]:
 
 @functools.cache
 def recordings() -> dict[str, tuple[str, dict[str, bytes]]]:
-    """Return the name and the files of a recording of every kind; the only one has no name."""
+    """Return path and files of a recording of every kind; a single file has an empty name."""
     with tempfile.TemporaryDirectory() as folder:
         return {
             kind: (
@@ -83,12 +83,12 @@ def _written(folder: Path) -> dict[str, Path]:
 
 
 def cdr(kind: str = IMAGE, number: int = 0) -> bytes:
-    """Return a message as it travels."""
+    """Return a serialized message."""
     return bytes(ROS2.serialize_cdr(message(kind, number), kind))
 
 
 def message(kind: str = IMAGE, number: int = 0) -> Any:
-    """Return a message of rosbags."""
+    """Return a message of a rosbags type."""
     types, picture = ROS2.types, gray(number)
     stamp = types['builtin_interfaces/msg/Time'](*divmod(_START_NS + number * _STEP_NS, 10**9))
     header = types['std_msgs/msg/Header'](stamp, 'camera')
@@ -115,7 +115,7 @@ def write_mcap(
     compression: CompressionType = CompressionType.NONE,
     use_chunking: bool = True,
 ) -> Path:
-    """Write an mcap file by itself, and return it."""
+    """Write a single mcap file, and return its path."""
     with path.open('wb') as file:
         writer = McapWriter(
             file, chunk_size=4096, compression=compression, use_chunking=use_chunking
@@ -140,7 +140,7 @@ def write_ros2(
     plugin: StoragePlugin,
     compression: CompressionMode = CompressionMode.NONE,
 ) -> Path:
-    """Write a recording as ROS 2 does, and return its folder."""
+    """Write a recording like ROS 2, and return its folder."""
     writer = Ros2Writer(folder, version=9, storage_plugin=plugin)
     writer.set_compression(compression, CompressionFormat.ZSTD)
     with writer:
@@ -149,7 +149,7 @@ def write_ros2(
 
 
 def write_ros1(path: Path, rows: Rows) -> Path:
-    """Write a recording as ROS 1 does, and return it."""
+    """Write a recording like ROS 1, and return its path."""
 
     def serialized(message: Any, kind: str) -> Any:
         return ROS2.cdr_to_ros1(ROS2.serialize_cdr(message, kind), kind)

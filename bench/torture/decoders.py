@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every decoder of what others wrote, and small inputs of which all can be decoded."""
+"""All decoders of foreign data, each with small valid inputs."""
 
 from collections.abc import Callable
 import functools
@@ -32,13 +32,13 @@ import numpy as np
 from bench.torture import corpus
 from bench.torture.maps import APART, drawn, ENCODING
 
-_SMALLEST_PAGE_BYTES = 512  # of SQLite: a map of few bytes has many of what can be wrong
-# What a text may hold where it should not, beside all that a fuzzer thinks of.
+_SMALLEST_PAGE_BYTES = 512  # of SQLite: a small map has a large share of structure
+# Values for wrong places in a text, in addition to those of the fuzzer.
 WORDS = ['9' * 30, *'-1 1e308 nan inf 1e99999999 [] {} 0x ~ &a *a !!'.split()]
 
 
 class Decoder(NamedTuple):
-    """A decoder: what it can decode, and what decodes anything, given an empty folder."""
+    """A decoder: valid samples, and a function that decodes bytes, given an empty folder."""
 
     samples: list[bytes]
     decode: Callable[[bytes, Path], object]
@@ -46,9 +46,9 @@ class Decoder(NamedTuple):
 
 def decoders() -> dict[str, Decoder]:
     """Return every decoder, by name."""
-    found: dict[str, Decoder] = {}
+    by_name: dict[str, Decoder] = {}
     for kind, (_, data) in corpus.pictures().items():
-        found[f'picture {kind}'] = Decoder([data], lambda given, _: picture_pixels(given))
+        by_name[f'picture {kind}'] = Decoder([data], lambda given, _: picture_pixels(given))
     for name, read in {
         'Image': message_pixels,
         'CompressedImage': message_pixels,
@@ -56,14 +56,14 @@ def decoders() -> dict[str, Decoder]:
         'PoseStamped': lambda message: pose_from_message(decode(message).pose),
     }.items():
         kind = f'{"geometry" if "Pose" in name else "sensor"}_msgs/msg/{name}'
-        found[f'message {name}'] = Decoder(
+        by_name[f'message {name}'] = Decoder(
             [corpus.cdr(kind)],
             lambda given, _, kind=kind, read=read: read(RawMessage(0, kind, given)),
         )
     for kind, (name, files) in corpus.recordings().items():
         if '' in files:
-            found[f'recording {kind}'] = Decoder([files['']], partial(_recording, name))
-    return found | {
+            by_name[f'recording {kind}'] = Decoder([files['']], partial(_recording, name))
+    return by_name | {
         'map': Decoder([_map()], _in_file('map.db', _read_map)),
         'log of a map': Decoder([_ahead()[1]], _map_and_log),
         'image mask': Decoder(
@@ -125,7 +125,7 @@ def _map() -> bytes:
 
 @functools.cache
 def _ahead() -> tuple[bytes, bytes]:
-    """Return a map as a crash leaves it, and the log with its last places."""
+    """Return a map after a crash, and the log with its last places."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, 'map.db')
         path.write_bytes(_map())
@@ -145,12 +145,12 @@ def _map_and_log(data: bytes, folder: Path) -> None:
 def _read_map(path: Path) -> None:
     reader = MapReader(path)
     reader.about()
-    found = reader.reference_map()
-    found.pictures(range(len(found)), with_images=True)
+    opened = reader.reference_map()
+    opened.pictures(range(len(opened)), with_images=True)
 
 
 def _run() -> dict[str, bytes]:
-    """Return the files of a folder of results, by name."""
+    """Return the files of a results folder, by name."""
     return {
         'set/method/summary.json': b'{"set": "set", "method": "method", "accuracy_matched": 0.5}',
         'set/method/frames.csv': _table(),
@@ -161,7 +161,7 @@ def _run() -> dict[str, bytes]:
 
 
 def _run_folder(data: bytes, folder: Path) -> None:
-    """Have one file of a run, which the first byte chooses, hold the rest."""
+    """Read a run in which one file, chosen by the first byte, has the other bytes as content."""
     files = _run()
     if data:
         files[[*files][data[0] % len(files)]] = data[1:]

@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Every decoder, given what is almost right, by libFuzzer, which Atheris leads along our lines.
+Fuzzes every decoder with libFuzzer, guided by the coverage of the Python code through Atheris.
 
-`python -m bench.torture.fuzz COUNT SEED FOLDER [DECODER ...]` prints for each decoder how often it
-was executed, and what broke it, as JSON. Such an input is kept in `FOUND`.
+`python -m bench.torture.fuzz COUNT SEED FOLDER [DECODER ...]` prints the number of executions and
+the problem of each decoder as JSON. An input that causes a problem is kept in `FOUND`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -60,7 +60,7 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
         yield Try('all', f'ended with {process.returncode}')
 
 
-def main(known: Mapping[str, Any] | None = None) -> None:
+def main(targets: Mapping[str, Any] | None = None) -> None:
     """Fuzz the named decoders, or all, each in a fork of this process."""
     import atheris
 
@@ -73,13 +73,13 @@ def main(known: Mapping[str, Any] | None = None) -> None:
 
     cv2.setNumThreads(1)
     count, seed, folder, *names = sys.argv[1:]
-    known = known or decoders.decoders()
-    for name in names or known:
+    targets = targets or decoders.decoders()
+    for name in names or targets:
         with tempfile.TemporaryDirectory(dir=folder) as made:
             base, last = Path(made), mmap.mmap(-1, _MOST_INPUT_BYTES)
             if not (child := os.fork()):
                 (base / 'words').write_text(''.join(f'"{word}"\n' for word in decoders.WORDS))
-                _be_libfuzzer(known[name], int(count), seed, base, last)
+                _be_libfuzzer(targets[name], int(count), seed, base, last)
             code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
             executions, length = _LAST.unpack_from(last)
             problem = ''

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Maps from a stranger, with sound checksums: what they declare, and what they would have done."""
+"""Hostile maps with valid checksums: their declarations, and the actions that they would cause."""
 
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout, suppress
@@ -44,7 +44,7 @@ Change = Callable[[sqlite3.Connection, random.Random], None]
 
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Make a hostile map, and have a command use it, in a fork, again and again."""
+    """Repeatedly make a hostile map, and run a command with it in a fork."""
     draw, ways = random.Random(seed), list(_WAYS.items())
     cv2.setNumThreads(1)
     drive = folder / 'drive'
@@ -52,11 +52,11 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
     for index in range(3):
         noise = np.random.default_rng(index).integers(0, 256, (48, 64), np.uint8)
         cv2.imwrite(str(drive / f'{index}.png'), noise)
-    with redirect_stdout(StringIO()):  # compiled and imported before the forks, and so but once
+    with redirect_stdout(StringIO()):  # compile and import once, before the forks
         convseq(['build-map', str(drive), str(folder / 'warm.db'), *_SIZE])
     for number in range(count):
-        with tempfile.TemporaryDirectory(dir=folder) as own:
-            path, victim = Path(own, 'map.db'), Path(own, 'victim')
+        with tempfile.TemporaryDirectory(dir=folder) as scratch:
+            path, victim = Path(scratch, 'map.db'), Path(scratch, 'victim')
             victim.write_text('of somebody')
             save_map(drawn(_PLACES), path)
             name, way = ways[number % len(ways)]
@@ -69,7 +69,7 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
 
 
 def _commands(path: Path, drive: Path) -> dict[str, list[str]]:
-    """Return what is asked of a map, by name."""
+    """Return the commands that use a map, by name."""
     replay = ['replay', str(drive), '--map', str(path), *_SIZE]
     replay += ['--output', str(path.with_name('rows.csv')), '--mode']
     return {
@@ -81,7 +81,7 @@ def _commands(path: Path, drive: Path) -> dict[str, list[str]]:
 
 
 def _execute(change: Change, path: Path, draw: random.Random) -> None:
-    """Execute statements in a map."""
+    """Apply a change to a map."""
     database = sqlite3.connect(path, isolation_level=None)
     database.execute('BEGIN')
     change(database, draw)
@@ -90,7 +90,7 @@ def _execute(change: Change, path: Path, draw: random.Random) -> None:
 
 
 def _set(table: str, column: str, value: Callable[[random.Random], object]) -> Change:
-    """Return a change of one value of a row, whose checksum is good."""
+    """Return a change of one value of a row, with a valid checksum."""
 
     def change(database: sqlite3.Connection, draw: random.Random) -> None:
         columns = [row[1] for row in database.execute(f'PRAGMA table_info({table})')]
@@ -118,12 +118,12 @@ def _view(database: sqlite3.Connection, draw: random.Random) -> None:
     table = draw.choice(_TABLES)
     columns = [row[1] for row in database.execute(f'PRAGMA table_info({table})')]
     database.execute(f'ALTER TABLE {table} RENAME TO hidden')
-    known = ', '.join(f'1 AS {name}' for name in columns)
-    database.execute(f'CREATE VIEW {table} AS {_ENDLESS} {known} FROM c')
+    fakes = ', '.join(f'1 AS {name}' for name in columns)
+    database.execute(f'CREATE VIEW {table} AS {_ENDLESS} {fakes} FROM c')
 
 
 def _hidden_view(database: sqlite3.Connection, draw: random.Random) -> None:
-    """Have the schema say that a table is a view, or computed, though its text is a map's."""
+    """Make a table a view, or computed, while the text of the schema is that of a valid map."""
     table = draw.choice(_TABLES)
     database.execute('PRAGMA writable_schema = ON')
     other = draw.choice(_TABLES)
@@ -148,17 +148,17 @@ def _blob(draw: random.Random) -> object:
 
 
 def _huge(database: sqlite3.Connection, draw: random.Random) -> None:
-    """Store a value of which a file of zeros holds the most."""
+    """Store a huge value, most of which is a hole in the file."""
     table, column = draw.choice((('pictures', 'thumbnail'), ('places', 'pooled')))
     database.execute(f'UPDATE {table} SET {column} = zeroblob(300000000) WHERE rowid = 3')
 
 
 def _link(database: sqlite3.Connection, draw: random.Random) -> None:
-    """Lead from or to places that are not there, to itself, to a later one, or in a circle."""
+    """Add a link from or to missing places, to itself, to a later place, or in a circle."""
     column = draw.choice(('place', 'other', 'anchor', 'confidence', 'inliers', 'relative'))
     numbers = (*_NUMBERS, *range(_PLACES), None, 'text', 1.5)
     value = _blob if column == 'relative' else lambda draw: draw.choice(numbers)
-    with suppress(sqlite3.Error):  # of a place that has one, or a text as one's number
+    with suppress(sqlite3.Error):  # a second link of a place, or a text as its number
         _set('links', column, value)(database, draw)
 
 
@@ -171,7 +171,7 @@ def _many_links(database: sqlite3.Connection, draw: random.Random) -> None:
 
 
 def _holes(path: Path, draw: random.Random) -> None:
-    """Declare terabytes, most of which are a hole."""
+    """Enlarge the file to terabytes, most of which are a hole."""
     size = draw.choice((10**10, 10**12))
     data = bytearray(path.read_bytes())
     data[28:32] = (size // PAGE_BYTES).to_bytes(4, 'big')
@@ -181,7 +181,7 @@ def _holes(path: Path, draw: random.Random) -> None:
 
 
 def _pages(path: Path, draw: random.Random) -> None:
-    """Have pages be copies of others, so that a tree leads to itself."""
+    """Copy pages over others, so that a tree leads to itself."""
     data = bytearray(path.read_bytes())
     for _ in range(draw.choice((1, 2, 8))):
         one, other = (draw.randrange(1, len(data) // PAGE_BYTES) * PAGE_BYTES for _ in range(2))
@@ -190,7 +190,7 @@ def _pages(path: Path, draw: random.Random) -> None:
 
 
 def _journal(path: Path, draw: random.Random) -> None:
-    """Leave a journal that is hot and names another file, which SQLite would delete."""
+    """Add a hot journal that names another file, which SQLite would delete."""
     name = bytes(path.with_name('victim'))
     page = draw.randbytes(PAGE_BYTES)
     head = bytes.fromhex('d9d505f920a163d7') + b''.join(
@@ -206,13 +206,13 @@ def _journal(path: Path, draw: random.Random) -> None:
 
 
 def _wal(path: Path, draw: random.Random) -> None:
-    """Say that the file has a log, and lay one beside it."""
-    _say_ahead(path)
+    """Mark the file as having a log, and write a log beside it."""
+    _mark_ahead(path)
     path.with_name('map.db-wal').write_bytes(draw.choice((b'', draw.randbytes(5000))))
 
 
 def _log_of_another(path: Path, draw: random.Random) -> None:
-    """Lay a sound log of another map beside the file, whether or not that says it has one."""
+    """Write a valid log of another map beside the file, which may or may not have a log."""
     other = path.with_name('other.db')
     with MapWriter(other, ENCODING, APART) as writer:
         writer.write_ahead()
@@ -220,17 +220,17 @@ def _log_of_another(path: Path, draw: random.Random) -> None:
         log = other.with_name('other.db-wal').read_bytes()
     path.with_name('map.db-wal').write_bytes(log)
     if draw.random() < 0.5:
-        _say_ahead(path)
+        _mark_ahead(path)
 
 
 def _pipe(path: Path, draw: random.Random) -> None:
-    """Have a pipe beside the file, for which a reader would wait."""
+    """Create a pipe beside the file, on which a reader would block."""
     os.mkfifo(path.with_name(f'map.db-{draw.choice(("wal", "journal", "shm"))}'))
     if draw.random() < 0.5:
-        _say_ahead(path)
+        _mark_ahead(path)
 
 
-def _say_ahead(path: Path) -> None:
+def _mark_ahead(path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[18:20] = b'\2\2'
     path.write_bytes(data)
@@ -239,21 +239,21 @@ def _say_ahead(path: Path) -> None:
 def _camera(draw: random.Random) -> str:
     numbers = (0, -1, 1, 320.5, 1e-300, 1e308, 10**400, float('nan'), float('inf'), True, 'x', [])
     names = 'width_px', 'height_px', 'fx_px', 'fy_px', 'cx_px', 'cy_px'
-    said: dict[str, object] = {name: draw.choice((64, 48, 50.0)) for name in names}
-    said[draw.choice(names)] = draw.choice(numbers)
+    camera: dict[str, object] = {name: draw.choice((64, 48, 50.0)) for name in names}
+    camera[draw.choice(names)] = draw.choice(numbers)
     if draw.random() < 0.7:
-        said['distortion_model'] = draw.choice(('plumb_bob', 'equidistant', 'x', '', 7))
+        camera['distortion_model'] = draw.choice(('plumb_bob', 'equidistant', 'x', '', 7))
         count = draw.choice((0, 1, 4, 5, 8, 12, 100_000))
-        said['distortion'] = [draw.choice(numbers[:9]) for _ in range(count)]
+        camera['distortion'] = [draw.choice(numbers[:9]) for _ in range(count)]
     if draw.random() < 0.3:
-        said['mount'] = draw.choice(
+        camera['mount'] = draw.choice(
             ([], {}, 7, {'position': [0, 0, 1e308], 'orientation': 4 * [0]})
         )
-    return json.dumps(said)
+    return json.dumps(camera)
 
 
 def _encoding(database: sqlite3.Connection, draw: random.Random) -> None:
-    said = json.dumps(
+    text = json.dumps(
         {
             'image_size_px': draw.choice((0, 16, 64, 64, 2**31)),
             'resize': 'exact',
@@ -261,7 +261,7 @@ def _encoding(database: sqlite3.Connection, draw: random.Random) -> None:
             'image_rotation_deg': draw.choice((0, 0, 90, 45, 1e999)),
         }
     )
-    sound = said, row_crc(('encoding', said))
+    sound = text, row_crc(('encoding', text))
     database.execute("UPDATE about SET value = ?, crc32 = ? WHERE name = 'encoding'", sound)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages over DDS that no driver sends, images of large cameras, and stamps that jump."""
+"""Abnormal messages over DDS, images of large cameras, and stamps that jump."""
 
 from array import array
 from collections.abc import Iterator
@@ -32,14 +32,14 @@ _CAMERAS = ((480, 640), (1_080, 1_920), (2_160, 3_840), (4_320, 7_680))
 _BURST, _SHARE_OF_CAMERAS = 30, 0.05
 _MOST_PIXELS = 48_000_000
 _MOST_MB, _MOST_LEFT_MB = 2_000, 256 + 100
-_NEXT_S, _PATIENCE_S, _LEFT_S = 10.0, 120.0, 10.0  # until the next image is sent, and all
+_NEXT_S, _PATIENCE_S, _LEFT_S = 10.0, 120.0, 10.0  # until the next image, all answers, the end
 _FLOATS = (0.0, 1.0, -1.0, 1e308, float('inf'), float('-inf'), float('nan'))
 _FIRST_NS, _LAST_NS = -(2**31) * 10**9, 2**31 * 10**9 - 1
 _JUMPS_NS = (10**8, 10**8, 10**8, 0, 1, -1, -(10**9) - 1, 10**9, 10**12, -(10**12), 10**18)
 
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Send bursts, each followed by one good image."""
+    """Send bursts, each followed by a valid image."""
     draw = random.Random(seed)
     with robot(folder, mode='online', map_path=folder / 'map.db', diagnostics_period_s=0.2) as one:
         odometry = one.node.create_publisher(Odometry, '/odom', 10)
@@ -54,7 +54,7 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
             for _ in range(burst):
                 one.camera.publish(message)
             sent, tried = sent + burst, tried + burst
-            for patience_s in (_NEXT_S, _PATIENCE_S):  # what was lost shows when the next comes
+            for patience_s in (_NEXT_S, _PATIENCE_S):  # losses are detected with the next image
                 stamp_ns = _jump(stamp_ns, draw)
                 one.camera.publish(image(corpus.gray(tried % 50), stamp_ns))
                 sent += 1
@@ -70,7 +70,7 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
             yield Try(name, problem)
             if one.process.poll() is not None:
                 return
-            sent -= unaccounted(one, sent)  # a problem is reported once
+            sent -= unaccounted(one, sent)  # report a problem only once
 
 
 def _problem(one: Robot, sent: int) -> str:

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The log that a crash leaves beside a growing map, and a bad disk that flips a bit of it."""
+"""Damages the log of a growing map after a crash, like a bad disk."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -24,15 +24,15 @@ ORACLE = (
 )
 COUNT, PORTION, SHORT, SEED = 2_000, 500, 30, 16
 _PLACES, _SECTOR = 8, 512
-_FRAME, _MARK = PAGE_BYTES + 24, 24  # of the log: a page, before which stands whose it is
+_FRAME, _MARK = PAGE_BYTES + 24, 24  # of the log: a page with its header
 
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Damage the logs of some crashed maps in many ways."""
+    """Damage the logs of crashed maps in many ways."""
     draw, path = random.Random(seed), folder / 'map.db'
     crashed = [_crashed(folder, commits, draw) for commits in range(1, 7)]
     for number in range(count):
-        whole, log, ends, counts = draw.choice(crashed)
+        content, log, ends, counts = draw.choice(crashed)
         damaged, position = bytearray(log), draw.randrange(len(log))
         is_flip = draw.random() < 0.9
         if is_flip:
@@ -46,7 +46,7 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
         if not is_flip and len(left) <= 1:
             allowed.add(counts[safe])
         _clear(folder)
-        path.write_bytes(whole)
+        path.write_bytes(content)
         path.with_name('map.db-wal').write_bytes(damaged)
         name = f'{number}: {"flip" if is_flip else "zeros"} at {position} of {len(log)}'
         used = partial(_used, path, allowed)
@@ -56,7 +56,7 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
 def _crashed(
     folder: Path, commits: int, draw: random.Random
 ) -> tuple[bytes, bytes, list[int], list[int]]:
-    """Return a map, its log, where each commit ends in it, and places before and after each."""
+    """Return a map, its log, the ends of commits in it, and the place counts between them."""
     path = folder / 'map.db'
     log, counts, ends = path.with_name('map.db-wal'), [_PLACES], []
     _clear(folder)
@@ -76,6 +76,6 @@ def _clear(folder: Path) -> None:
 
 
 def _used(path: Path, allowed: set[int]) -> str:
-    if (found := len(MapReader(path))) not in allowed:
-        return f'has {found} places, not {sorted(allowed)}'
-    return add_one(path, found)
+    if (count := len(MapReader(path))) not in allowed:
+        return f'has {count} places, not {sorted(allowed)}'
+    return add_one(path, count)

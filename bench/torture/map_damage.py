@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Maps from a bad disk: a bit that flipped, a sector that is gone, a file that was cut."""
+"""Damages maps like a bad disk: flipped bits, lost sectors, truncated files."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,34 +25,34 @@ _PLACES, _LINKS, _SECTOR = 60, 40, 512
 
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Damage the same map in many ways."""
+    """Damage a map in many ways."""
     path, draw = folder / 'map.db', random.Random(seed)
     save_map(drawn(_PLACES), path)
-    whole, answers = path.read_bytes(), _answers(path)
+    content, answers = path.read_bytes(), _answers(path)
     for number in range(count):
         for beside in folder.iterdir():
             beside.unlink()
-        name, damaged = _damaged(whole, draw)
+        name, damaged = _damaged(content, draw)
         path.write_bytes(damaged)
         yield Try(f'{number}: {name}', problem_of_use(path, lambda: _used(path, answers)))
 
 
-def _damaged(whole: bytes, draw: random.Random) -> tuple[str, bytes]:
-    damaged, position = bytearray(whole), draw.randrange(len(whole))
+def _damaged(content: bytes, draw: random.Random) -> tuple[str, bytes]:
+    damaged, position = bytearray(content), draw.randrange(len(content))
     kind = draw.choice(['flip'] * 6 + ['zeros', 'elsewhere', 'elsewhere', 'cut'])
     if kind == 'flip':
         damaged[position] ^= 1 << draw.randrange(8)
     elif kind == 'cut':
         del damaged[position:]
     else:
-        start, other = (draw.randrange(len(whole) // _SECTOR) * _SECTOR for _ in range(2))
-        new = bytes(_SECTOR) if kind == 'zeros' else whole[other : other + _SECTOR]
+        start, other = (draw.randrange(len(content) // _SECTOR) * _SECTOR for _ in range(2))
+        new = bytes(_SECTOR) if kind == 'zeros' else content[other : other + _SECTOR]
         damaged[start : start + _SECTOR] = new
     return f'{kind} at {position}', bytes(damaged)
 
 
 def _answers(path: Path) -> object:
-    """Return all that a map answers, comparable."""
+    """Return all answers of a map, in a form that can be compared."""
     reader = MapReader(path)
     reference_map = reader.reference_map()
     pictures = reference_map.pictures(range(len(reference_map)), with_images=True)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A node with a growing map that a signal ends: at its start, amid frames, on a slow disk."""
+"""Kills a node with a growing map: at its start, between frames, on a slow disk."""
 
 from collections.abc import Iterator
 import os
@@ -36,7 +36,7 @@ _SLOW_FRAMES, _PERIOD_S, _ANSWER_S, _TOLD_S = 40, 0.1, 1.0, 0.6
 
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Start a node and end it, most often before it has begun."""
+    """Start and kill a node repeatedly, mostly before it is ready."""
     draw, held, path = random.Random(seed), 0, folder / 'map.db'
     for number in range(count):
         when = draw.choices(('start', 'frames', 'slow disk'), (7, 2, 1))[0]

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The power is cut: what no one waited for is on the disk or not, in any mixture."""
+"""Simulates power cuts: each write without a sync may or may not be on the disk."""
 
 from collections.abc import Iterator
 from copy import deepcopy
@@ -27,12 +27,12 @@ ORACLE = 'that of `map_writes`'
 COUNT, PORTION, SHORT, SEED = 2_000, 200, 16, 16
 _SECTOR = 512
 _HEAD = struct.Struct('<6q')
-_NOT_SYNCED = 'result table'  # whose rows of the last second may be lost with the power
+_NOT_SYNCED = 'result table'  # may lose the rows of the last second
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A call that changed the disk; `file` and `at` are numbers, `data` bytes or a second name."""
+    """A call that changed the disk; `data` is bytes or a second name."""
 
     what: str
     file: int
@@ -44,7 +44,7 @@ class Call:
 
 @dataclass(slots=True)
 class Disk:
-    """What is on a disk for sure, and what may be."""
+    """The synced content of a disk, and the pending calls."""
 
     names: dict[str, int] = field(default_factory=dict)  # folders are -1
     files: dict[int, bytearray] = field(default_factory=dict)
@@ -53,7 +53,7 @@ class Disk:
     late: dict[int, list[Call]] = field(default_factory=dict)
 
     def see(self, call: Call) -> None:
-        """Take in a call."""
+        """Add a call."""
         if call.what in 'wt':
             self.late.setdefault(call.file, []).append(call)
         elif call.what != 's':
@@ -67,7 +67,7 @@ class Disk:
                 self._write(one)
 
     def cut(self, draw: random.Random) -> None:
-        """Let some of what may be there be there, and nothing else."""
+        """Apply a random selection of the pending calls, and drop the others."""
         for one in self.late_names[: draw.randint(0, len(self.late_names))]:
             self._rename(one)
         for calls in self.late.values():
@@ -94,26 +94,26 @@ class Disk:
         for start in range(0, len(call.data), _SECTOR):
             if draw and draw.random() >= chance:
                 continue
-            some, at = call.data[start : start + _SECTOR], call.at + start
+            piece, at = call.data[start : start + _SECTOR], call.at + start
             content.extend(bytes(max(0, at - len(content))))
-            content[at : at + len(some)] = some
+            content[at : at + len(piece)] = piece
 
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Have a program whose disk is recorded make the tries."""
+    """Run the tries in a program whose disk calls are recorded."""
     yield from tries_of('map_power', count, seed, folder)
 
 
 def tries(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str]]:
-    """Yield the name of every try, and what did not hold."""
+    """Yield the name and the problem of every try."""
     draw = random.Random(seed)
-    known = [name for name in SCENARIOS if name != _NOT_SYNCED]
+    synced = [name for name in SCENARIOS if name != _NOT_SYNCED]
     made = 0
     while made < count:
         commits = [draw.randint(1, 40) for _ in range(3)]
-        for name in known:
-            with tempfile.TemporaryDirectory(dir=folder) as own:
-                path = Path(own, 'map.db')
+        for name in synced:
+            with tempfile.TemporaryDirectory(dir=folder) as scratch:
+                path = Path(scratch, 'map.db')
                 start, calls, last = _recorded(name, path, commits, folder)
             for _ in range(min(20, count - made)):
                 made += 1
@@ -123,14 +123,14 @@ def tries(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str]]:
                 for call in calls[:cut]:
                     disk.see(call)
                 disk.cut(draw)
-                found = _problem(name, disk, path, commits, acknowledged)
-                yield f'{name} {commits}, cut after {cut} of {len(calls)} calls', found
+                problem = _problem(name, disk, path, commits, acknowledged)
+                yield f'{name} {commits}, cut after {cut} of {len(calls)} calls', problem
 
 
 def _recorded(
     name: str, path: Path, commits: list[int], folder: Path
 ) -> tuple[Disk, list[Call], int]:
-    """Return the disk at the start, every call, and what was acknowledged at the end."""
+    """Return the disk at the start, every call, and the last acknowledged number."""
     SCENARIOS[name].prepare(path, commits)
     start = Disk(folders={path.parent.stat().st_ino: str(path.parent)})
     for one in path.parent.iterdir():
@@ -147,26 +147,26 @@ def _recorded(
 
 
 def _calls(data: bytes) -> Iterator[Call]:
-    """Yield the calls of a record; a number that a new file has again becomes another."""
-    at, own, fresh = 0, dict[int, int](), itertools.count(-2, -1)
+    """Yield the calls of a record; file numbers that are reused become unique."""
+    at, renumbered, fresh = 0, dict[int, int](), itertools.count(-2, -1)
     while at < len(data):
         what, file, where, acknowledged, named, size = _HEAD.unpack_from(data, at)
         at += _HEAD.size
         name, content = data[at : at + named], data[at + named : at + named + size]
         at += named + size
         if chr(what) == 'o':
-            own[file] = next(fresh)
-        number = own.get(file, file)
+            renumbered[file] = next(fresh)
+        number = renumbered.get(file, file)
         yield Call(chr(what), number, where, acknowledged, name.decode(), content)
 
 
 def _problem(name: str, disk: Disk, path: Path, commits: list[int], acknowledged: int) -> str:
-    """Return what does not hold of what is on a disk; empty if nothing."""
+    """Return the problem of a disk's content, or an empty text."""
     path.parent.mkdir()
     try:
         for each, file in sorted(disk.names.items()):
             if file == -1:
-                Path(each).mkdir(0o700)  # as `tempfile` makes it
+                Path(each).mkdir(0o700)  # as in `tempfile`
             elif Path(each).parent.exists():
                 Path(each).write_bytes(disk.files.get(file, b''))
         SCENARIOS[name].check(path, commits, acknowledged)

@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Every single call that changes the disk, while a map is made, grows or is saved.
+Fails every call that changes the disk, while a map is built, grows or is saved.
 
-`run` has a program make the tries, each in a fork: `python -m bench.torture.map_writes COUNT SEED
-FOLDER`, with the failing disk, prints a try a line, as JSON.
+`run` starts `python -m bench.torture.map_writes COUNT SEED FOLDER` on the failing disk. This
+program makes each try in a fork, and prints a line of JSON per try.
 """
 
 from collections.abc import Callable, Iterator
@@ -44,18 +44,18 @@ _DIED, _REFUSED, _BROKE = 137, 1, 3  # exit codes
 
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Have a program that has the failing disk make the tries, each in a fork."""
+    """Run a program on the failing disk that makes the tries, each in a fork."""
     yield from tries_of('map_writes', count, seed, folder)
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """What a program does, given the map's path and how many places are added at once."""
+    """A scenario; its functions take the map's path and the number of places per commit."""
 
-    prepare: Callable[[Path, list[int]], None]  # makes the files that it finds
-    # What it does; it acknowledges what must be there from then on.
+    prepare: Callable[[Path, list[int]], None]  # creates the initial files
+    # The work; it acknowledges the number of places that must exist from then on.
     act: Callable[[Path, list[int], Acknowledged], None]
-    # Raises AssertionError if something does not hold, given what was acknowledged.
+    # The check; AssertionError if the files do not fit the acknowledged number.
     check: Callable[[Path, list[int], int], None]
 
 
@@ -68,7 +68,7 @@ def _some_more(path: Path, commits: list[int]) -> None:
 
 
 def _crashed(path: Path, commits: list[int]) -> None:
-    """Leave a map as a crash in the middle of a commit does, with what it holds safe."""
+    """Create a map after a crash in the middle of a commit, with its committed places."""
     _some(path, commits)
     if not os.fork():
         owner = Autosave(path, ENCODING, APART)
@@ -88,7 +88,7 @@ def _own(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
             try:
                 owner.flush()
             except MapError:
-                arm(0, How.COUNT)  # there is room again
+                arm(0, How.COUNT)  # the disk has space again
                 owner.flush()
             acknowledged.value = owner.committed
     finally:
@@ -97,7 +97,7 @@ def _own(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
 
 
 def _goes_on(path: Path, _commits: list[int], acknowledged: int) -> None:
-    """See that the map holds all, and that another program adds to it, or makes it."""
+    """Check that the map has all places, and that another program can extend or create it."""
     if acknowledged >= 0:
         assert holds(path) >= acknowledged
     else:
@@ -113,7 +113,7 @@ def _goes_on(path: Path, _commits: list[int], acknowledged: int) -> None:
 
 
 def _nothing_beside(path: Path) -> None:
-    """See that the last program left nothing of its own, nor of who ended before."""
+    """Check that neither the last program nor an earlier one left temporary files."""
     beside = {one.name for one in path.parent.iterdir()} - {'old.db', path.name}
     assert not beside, beside
 
@@ -124,7 +124,7 @@ def _save(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
 
 
 def _old_or_new(path: Path, commits: list[int], acknowledged: int) -> None:
-    """See that the map is the old one, or the new one, and if it says so the new one."""
+    """Check that the map is the old or the new one, and the new one if acknowledged."""
     if open_map(path).places[0].source == 'drive 1':
         assert holds(path, 1) == sum(commits)
     else:
@@ -141,7 +141,7 @@ def _unlink(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
 
 
 def _linked_or_not(path: Path, commits: list[int], acknowledged: int) -> None:
-    """See that all links are there, or none, and if it says so none."""
+    """Check that the map has all links or none, and none if acknowledged."""
     assert holds(path) == commits[0]
     if len(open_map(path).links):
         assert acknowledged < 0 and len(open_map(path).links) == len(drawn(commits[0]).links)
@@ -158,7 +158,7 @@ def _thin(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
 
 
 def _thinned_or_not(path: Path, commits: list[int], acknowledged: int) -> None:
-    """See that the last place is gone, if it says so, and all others are there."""
+    """Check that all other places exist, and that the last one is removed if acknowledged."""
     count = holds(path)
     assert count == commits[0] or (acknowledged < 0 and count == commits[0] + 1)
     unlink(path)
@@ -166,7 +166,7 @@ def _thinned_or_not(path: Path, commits: list[int], acknowledged: int) -> None:
 
 
 def _rows(path: Path, commits: list[int]) -> None:
-    """Leave the table of a run that crashed."""
+    """Create the table of a crashed run."""
     table = ResultWriter(path)
     _write(table, commits[0])
     table.abandon()
@@ -185,7 +185,7 @@ def _tabulate(path: Path, commits: list[int], acknowledged: Acknowledged) -> Non
 
 
 def _tabulated(path: Path, commits: list[int], acknowledged: int) -> None:
-    """See that the rows of both runs are in some file each."""
+    """Check that the rows of each run are in a file."""
     counts = []
     for file in path.parent.iterdir():
         rows = read_results(file)
@@ -198,7 +198,7 @@ def _tabulated(path: Path, commits: list[int], acknowledged: int) -> None:
 
 
 def _older(path: Path, commits: list[int]) -> None:
-    """Leave the table of a run that ended."""
+    """Create the table of a completed run."""
     with ResultWriter(path) as table:
         _write(table, commits[0])
 
@@ -210,7 +210,7 @@ def _complete(path: Path, commits: list[int], acknowledged: Acknowledged) -> Non
 
 
 def _whole(path: Path, commits: list[int], acknowledged: int) -> None:
-    """See that the table is that of the one run or of the other, as a whole."""
+    """Check that the table is completely that of one of the two runs."""
     rows = len(read_results(path))
     assert rows == sum(commits) or (acknowledged < 0 and rows == commits[0]), rows
 
@@ -229,7 +229,7 @@ SCENARIOS = {
 
 
 def tries(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str]]:
-    """Yield the name of every try, and what did not hold."""
+    """Yield the name and the problem of every try."""
     draw, made = random.Random(seed), 0
     while made < count:
         commits = [draw.randint(1, _MOST_PLACES) for _ in range(3)]
@@ -251,15 +251,15 @@ def tries(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str]]:
 def _try(
     scenario: Scenario, commits: list[int], how: How, call: int, folder: Path
 ) -> tuple[str, int]:
-    """Return what did not hold, and how many calls were made; -1 if the process did not end."""
-    with tempfile.TemporaryDirectory(dir=folder) as own:
-        path = Path(own, 'map.db')
+    """Return the problem and the number of calls; -1 if the process did not end."""
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        path = Path(scratch, 'map.db')
         scenario.prepare(path, commits)
         acknowledged, made = Acknowledged(), Acknowledged()
         if not os.fork():
             _end(lambda: scenario.act(path, commits, acknowledged), made, how, call)
         code = os.waitstatus_to_exitcode(os.wait()[1])
-        # Now and then a checksum is shorter, a page is not needed, and there are fewer calls.
+        # Occasionally a checksum is shorter, a page is not needed, and there are fewer calls.
         is_over = 0 <= made.value < call
         if code not in (
             (_DIED,) if how in (How.KILL, How.TEAR) and not is_over else (0, _REFUSED)
@@ -274,7 +274,7 @@ def _try(
 
 
 def _end(act: Callable[[], None], made: Acknowledged, how: How, call: int) -> None:
-    """Do it, and end this process."""
+    """Do the work, and end this process."""
     code = _BROKE
     try:
         arm(call, how)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""docs/RELIABILITY.md, from what was tried and nothing else."""
+"""Writes docs/RELIABILITY.md from the results of the attacks."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, fields
@@ -44,13 +44,13 @@ _SOAKS = {
 
 
 def kept_outcome(docs: Path, name: str) -> Outcome | None:
-    """Return what is kept of an attack, if anything."""
-    found, known = _read(docs)['outcomes'].get(name), {one.name for one in fields(Outcome)}
-    return Outcome(**{key: one for key, one in found.items() if key in known}) if found else None
+    """Return the stored outcome of an attack, or None."""
+    stored, names = _read(docs)['outcomes'].get(name), {item.name for item in fields(Outcome)}
+    return Outcome(**{key: stored[key] for key in stored if key in names}) if stored else None
 
 
 def keep_outcome(docs: Path, outcome: Outcome) -> None:
-    """Have what came of an attack replace what is kept of it, and write the page."""
+    """Store the outcome of an attack in place of the previous one, and write the page."""
     kept = _read(docs)
     kept['outcomes'][outcome.attack] = asdict(outcome)
     kept['machine'] = {
@@ -63,7 +63,7 @@ def keep_outcome(docs: Path, outcome: Outcome) -> None:
 
 
 def keep_soak(docs: Path, name: str, command: str, text: str) -> None:
-    """Keep what came of a soak, whose picture is images/NAME.png, and write the page."""
+    """Store the result of a soak, with the picture images/NAME.png, and write the page."""
     kept = _read(docs)
     kept['soaks'][name] = {'command': command, 'text': text}
     _write(kept, docs)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Services called at 10 or 50 Hz while frames come at 10 Hz."""
+"""Calls services at 10 or 50 Hz while frames arrive at 10 Hz."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +28,7 @@ _PATIENCE_S = 30.0
 
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Call, one service after another."""
+    """Call the services in turn."""
     draw = random.Random(seed)
     with robot(
         folder,
@@ -56,20 +56,20 @@ def _called(
     }
     for client in clients.values():
         one.wait_for(client.service_is_ready, _PATIENCE_S)
-    # Who is known need not know: the first answers may find nobody.
+    # DDS discovery is not symmetric: the first answers may be lost.
     warm = [client.call_async(_request(name, draw, folder)) for name, client in clients.items()]
     one.wait_for(lambda: all(each.done() for each in warm), 5.0)
-    asked = []
+    calls = []
     start_s = time.monotonic()
     for number in range(count):
         if number % (call_hz // _FRAME_HZ) == 0:
             one.camera.publish(image(corpus.gray(number), (number + 1) * 10**9))
         name = draw.choice(list(clients))
-        asked.append((name, clients[name].call_async(_request(name, draw, folder))))
+        calls.append((name, clients[name].call_async(_request(name, draw, folder))))
         one.spin(max(0.0, start_s + (number + 1) / call_hz - time.monotonic()))
-    one.wait_for(lambda: all(future.done() for _, future in asked), _PATIENCE_S)
+    one.wait_for(lambda: all(future.done() for _, future in calls), _PATIENCE_S)
     alive = one.process.poll() is None
-    for number, (name, future) in enumerate(asked):
+    for number, (name, future) in enumerate(calls):
         problem = '' if future.done() else 'no answer'
         yield Try(f'{number} ({name})', problem if alive else 'the node ended')
     enable = clients['set_enabled'].call_async(SetBool.Request(data=True))

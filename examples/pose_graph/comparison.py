@@ -46,20 +46,20 @@ def draw_false(rng: np.random.Generator, truth: Truth, count: int) -> list[Closu
 
 
 def error_m(solution: Solution, truth: Truth, before: bool = False) -> float:
-    """Return the trajectory error of a solution, or of the odometry it began with."""
+    """Return the trajectory error of a solution, or of its odometry."""
     path = solution.before if before else solution.after
     return absolute_error_m(path[:, :2], true_path(solution, truth))
 
 
 def twice(solution: Solution, truth: Truth) -> npt.NDArray[np.bool_]:
-    """Return which keyframes are where the robot also was 30 s before or later, shape (N,)."""
+    """Return flags (N,) of keyframes at places that were also visited 30 s before or later."""
     real, stamps_ns = true_path(solution, truth), solution.stamps_ns
     near = np.linalg.norm(real[:, None] - real[None], axis=2) <= _SAME_M
     return (near & (np.abs(stamps_ns[:, None] - stamps_ns[None]) >= _APART_NS)).any(axis=1)
 
 
 def true_path(solution: Solution, truth: Truth) -> npt.NDArray[np.float64]:
-    """Return where the keyframes really were, shape (N, 2)."""
+    """Return the true positions of the keyframes, (N, 2)."""
     return np.array([truth[stamp_ns] for stamp_ns in solution.stamps_ns.tolist()])
 
 
@@ -69,17 +69,17 @@ def compare(
     """
     Return a trial for every number of false closures, without and with robust optimisation.
 
-    The false ones are added to the `right` ones of the place recogniser, and drawn anew so many
-    times; none are drawn once only.
+    False closures are added to the `right` ones of the place recogniser, and drawn anew `draws`
+    times. Without false closures there is a single graph.
     """
     trials = []
     for count in counts:
-        told = [
+        closure_sets = [
             [*right, *draw_false(np.random.default_rng((count, draw)), truth, count)]
             for draw in range(draws if count else 1)
         ]
         for robust in (False, True):
-            solutions = [optimise(odometry, closures, robust=robust) for closures in told]
+            solutions = [optimise(odometry, closures, robust=robust) for closures in closure_sets]
             trials.append(
                 Trial(
                     count,
@@ -93,7 +93,7 @@ def compare(
 
 
 def aligned(estimate: Points, truth: Points) -> Points:
-    """Return a path, turned and moved as a whole (SE2, no scale) to lie nearest to the truth."""
+    """Return a path rotated and shifted (SE2, no scale) to the best fit with the truth."""
     centre, true_centre = estimate.mean(axis=0), truth.mean(axis=0)
     left, _, right = np.linalg.svd((truth - true_centre).T @ (estimate - centre))
     flip = np.diag((1.0, np.sign(np.linalg.det(left @ right))))
@@ -102,10 +102,10 @@ def aligned(estimate: Points, truth: Points) -> Points:
 
 
 def rmse_m(estimate: Points, truth: Points) -> float:
-    """Return the root mean square distance of paths of shape (N, 2), metres, as they lie."""
+    """Return the root mean square distance of two paths (N, 2) in metres, without alignment."""
     return float(np.sqrt(np.mean(np.sum((estimate - truth) ** 2, axis=1))))
 
 
 def absolute_error_m(estimate: Points, truth: Points) -> float:
-    """Return the absolute trajectory error: the distance that is left after alignment."""
+    """Return the absolute trajectory error: the distance after alignment."""
     return rmse_m(aligned(estimate, truth), truth)

@@ -45,7 +45,7 @@ def draw_picture(
         real = true_path(solution, truth)
         before_m, after_m = error_m(solution, truth, before=True), error_m(solution, truth)
         drawn = _placed(odometry, closures, solution.kept)
-        panels['before'].set_title(f'odometry alone: {before_m:.1f} m off, and what it was told')
+        panels['before'].set_title(f'odometry alone: {before_m:.1f} m off, with the closures')
         panels['after'].set_title(f'corrected by the closures: {after_m:.1f} m off')
         for name, poses, colour in (
             ('before', solution.before, _BEFORE),
