@@ -64,7 +64,7 @@ def test_exports_of_several_people_are_put_in_one_table(street, capsys):
         ({'protocol_version': 2}, 'b.json: protocol version 2, and this program has 1'),
         ({'images': {'query': 'other'}}, 'b.json: its images of street are not those'),
         ({'set': None, 'images': None}, ''),
-        ({'auc_pr': 'high'}, "b.json: not an export of `convseq evaluate` ('high' is not a figure)"),
+        ({'auc_pr': 'high'}, "not an export of `convseq evaluate` ('high' is not a figure)"),
         (None, 'b.json: not an export of `convseq evaluate`'),
     ],
 )
