@@ -10,12 +10,12 @@ from convseq_ros.core.types import Frame
 from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.images import gray_and_color, read_picture
+from convseq_ros.sources.raw_message import MAX_STAMP_NS
 
 IMAGE_SUFFIXES = frozenset(
     {'.jpg', '.jpeg', '.png', '.bmp', '.tif', '.tiff', '.ppm', '.pgm', '.webp'}
 )
 FRAME_INTERVAL_NS = 100_000_000
-MAX_STAMP_NS = 2**63 - 1
 
 
 def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:

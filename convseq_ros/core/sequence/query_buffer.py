@@ -200,7 +200,8 @@ def choose_length(
     `similarity >= overlap_threshold` extends the sequence; (2) the shortest chosen length is 2;
     (3) online, the anchor is the newest frame and the sequence extends into the past (the paper's
     anchor is the oldest frame and needs up to 24 future ones); (4) uninformative frames are
-    ignored.
+    ignored; (5) the pair score may be of part of the regions, if these show on which side of the
+    threshold it lies (`PaperSimilarity`).
 
     """
 

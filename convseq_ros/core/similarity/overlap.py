@@ -32,8 +32,8 @@ class _Scores:
         """
         Return the score of a query and another descriptor, in [0, 1].
 
-        With a `limit` only the side is exact: 8 bits, four times as fast, and part of the regions
-        are used if that decides on which side of the limit the score lies.
+        With a `limit` it may be approximate: 8 bits, four times as fast, and part of the regions
+        are used if these lie four standard errors to one side of the limit.
         """
         if limit is None or not self._fast:
             return self._exact(query, other, limit)

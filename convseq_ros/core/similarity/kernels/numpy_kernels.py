@@ -186,7 +186,8 @@ class _NumpyRegional(PairScore):
     ) -> Scores:
         if limit is None:
             return pair_scores(query, references), None
-        scores = [score_beside(limit, spread(query), reference) for reference in references]
+        salient = spread(query)
+        scores = [score_beside(limit, salient, reference) for reference in references]
         return np.array(scores, np.float32), None
 
 
