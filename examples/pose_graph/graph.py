@@ -14,7 +14,7 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
-from convseq_ros.core.graph.pose_graph import gnc_fit
+from convseq_ros.pose_graph.optimisation import gnc_fit
 from convseq_ros.regular_file import complete_or_absent
 import gtsam
 import numpy as np

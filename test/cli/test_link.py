@@ -10,7 +10,6 @@ from convseq_ros.cli import main
 from convseq_ros.cli.map_picture import laid_out
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.graph.links import Link
-from convseq_ros.core.graph.pose_graph import align_sessions, edges_of, g2o, GRAPH, optimise
 from convseq_ros.core.map import edit
 from convseq_ros.core.map.edit import unlink
 from convseq_ros.core.map.format import MapSession
@@ -21,6 +20,10 @@ from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import MapBuilder, not_linked
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import RelativePose
+from convseq_ros.pose_graph.alignment import align_sessions
+from convseq_ros.pose_graph.edges import EDGE, edges_of
+from convseq_ros.pose_graph.g2o import g2o
+from convseq_ros.pose_graph.optimisation import optimise
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.odometry import Drift, with_odometry
 from convseq_ros.simulation.route import Route
@@ -134,7 +137,7 @@ def test_the_graph_that_gtsam_reads_is_the_one_that_is_solved(tmp_path):
     read = factor.noiseModel().covariance()
     # GTSAM has turns first, and all in the axes of the later place.
     turn = np.kron(np.eye(2), matrix(there)[:3, :3].T)
-    floor = np.diag([GRAPH.finest_rad**2] * 3 + [GRAPH.finest_m**2] * 3)
+    floor = np.diag([EDGE.finest_rad**2] * 3 + [EDGE.finest_m**2] * 3)
     expected = np.roll(turn @ covariance @ turn.T, (3, 3), (0, 1)) + floor
     assert np.allclose(read, expected, rtol=1e-4)
     assert np.allclose(factor.measured().matrix(), matrix(there))
