@@ -28,8 +28,8 @@ from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.place import pack_cells, Picture, Place, thumbnail, unpack_cells
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import MapWriter
-from convseq_ros.onnx_model import OnnxModel
-from convseq_ros.regular_file import complete_or_absent
+from convseq_ros.io.regular_file import complete_or_absent
+from convseq_ros.models.onnx_model import OnnxModel
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 import cv2

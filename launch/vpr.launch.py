@@ -7,7 +7,7 @@ import sys
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
-from convseq_ros.parameter import RETIRED
+from convseq_ros.config.parameter import RETIRED
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration

@@ -16,9 +16,9 @@ from convseq_ros.config import (
     SequenceConfig,
     with_values,
 )
+from convseq_ros.config.parameter import RETIRED
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.methods import make_method, parse_method
-from convseq_ros.parameter import RETIRED
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]

@@ -14,9 +14,9 @@ import types
 from convseq_ros import errors
 from convseq_ros.cli import COMMANDS, NODES
 from convseq_ros.config import core_parameters
+from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.config.parameter import parameters
 from convseq_ros.core.types import Reason
-from convseq_ros.node_config import NodeConfig
-from convseq_ros.parameter import parameters
 from programs import run
 import pytest
 

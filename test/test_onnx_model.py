@@ -4,10 +4,10 @@
 
 import os
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ModelError
-from convseq_ros.onnx_file import external_files
-from convseq_ros.onnx_model import OnnxModel
-from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.models.onnx_file import external_files
+from convseq_ros.models.onnx_model import OnnxModel
 import cv2
 from descriptor_models import made
 from hypothesis import given, strategies
@@ -245,7 +245,7 @@ def test_the_outline_of_any_bytes_is_read_or_refused(data):
 
 
 def test_bytes_that_go_on_for_ever_are_refused_soon(monkeypatch):
-    monkeypatch.setattr('convseq_ros.onnx_file.MOST_FIELDS', 1000)
+    monkeypatch.setattr('convseq_ros.models.onnx_file.MOST_FIELDS', 1000)
     for endless, problem in ((b'\0\0', 'field 0 of type 0'), (b'\x08\1', 'more than 1000 fields')):
         with pytest.raises(ValueError, match=problem):
             external_files(endless * 2000)

@@ -24,9 +24,10 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.types import Frame
-from convseq_ros.onnx_model import open_model
-from convseq_ros.results import read_results, ResultWriter
+from convseq_ros.io.results import read_results, ResultWriter
+from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources import open_source
 import cv2
 from descriptor_models import made
@@ -98,10 +99,10 @@ def answers_of_the_core(recording, map_path, encoding, path, topics):
     recognizer = PlaceRecognizer(*given, describe=model)
     if topics:
         recognizer = Cameras(*given, topics)
-    with ResultWriter(path) as writer:
+    with ResultWriter(path, COLUMNS) as writer:
         for topic in topics or ['']:
             for frame in source:
-                writer.write(recognizer.process(replace(frame, source=topic)), 0.0)
+                writer.write(row(recognizer.process(replace(frame, source=topic)), 0.0))
     return read_results(path)
 
 
@@ -153,8 +154,8 @@ def same_answers(folder, recording, map_path, encoding, topics=()):
     for answers in (answers_of_the_core, answers_of_the_node):
         path = folder / f'{answers.__name__}.csv'
         found.append(answers(recording, map_path, encoding, path, topics))
-        for row in found[-1]:
-            del row['duration_ms']
+        for line in found[-1]:
+            del line['duration_ms']
     assert found[1] == found[0]
     return found[0]
 

@@ -8,8 +8,8 @@ import signal
 import subprocess
 import sys
 
-from convseq_ros import process
-from convseq_ros.process import fast_dds, LARGE_IMAGES, QUICK_START, VARIABLE
+from convseq_ros.node import process
+from convseq_ros.node.process import fast_dds, LARGE_IMAGES, QUICK_START, VARIABLE
 from programs import run
 import pytest
 
@@ -88,8 +88,8 @@ def test_ours_count_unless_the_user_has_chosen(monkeypatch, profile, chosen):
 @pytest.mark.parametrize(
     ('module', 'profile'),
     [
-        ('lib/python3/site-packages/convseq_ros/process.py', 'share/convseq_ros/config'),
-        ('convseq_ros/process.py', 'config'),
+        ('lib/python3/site-packages/convseq_ros/node/process.py', 'share/convseq_ros/config'),
+        ('convseq_ros/node/process.py', 'config'),
     ],
 )
 def test_they_are_found_where_they_are_installed(monkeypatch, tmp_path, module, profile):

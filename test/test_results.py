@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result table."""
 
+from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.types import (
     Anchor,
     Candidate,
@@ -13,8 +14,8 @@ from convseq_ros.core.types import (
     Status,
 )
 from convseq_ros.errors import SourceError
-from convseq_ros.regular_file import complete_or_absent
-from convseq_ros.results import read_results, ResultWriter
+from convseq_ros.io.regular_file import complete_or_absent
+from convseq_ros.io.results import read_results, ResultWriter
 import numpy as np
 from programs import wait_for
 import pytest
@@ -34,9 +35,9 @@ SKIPPED = Match(5, 3200, Status.SKIPPED, Reason.UNINFORMATIVE)
 
 def test_rows_round_trip(tmp_path):
     path = tmp_path / 'result.csv'
-    with ResultWriter(path) as table:
+    with ResultWriter(path, COLUMNS) as table:
         for match in (ACCEPTED, REJECTED, SKIPPED):
-            table.write(match, 1.5)
+            table.write(row(match, 1.5))
     accepted, rejected, skipped = read_results(path)
     assert ','.join(accepted.values()) == (
         '3,3000,accepted,accepted,4,4000,0.9123457,0.8000,7,4,0.9123457,0.5,-2.0,100,1.500,7.5,'
@@ -54,8 +55,8 @@ def test_rows_round_trip(tmp_path):
 def test_a_table_under_its_own_name_is_complete_and_an_error_loses_no_row(tmp_path):
     path = tmp_path / 'result.csv'
     path.write_text('older results')
-    with pytest.raises(RuntimeError), ResultWriter(path) as table:
-        table.write(ACCEPTED, 1.0)
+    with pytest.raises(RuntimeError), ResultWriter(path, COLUMNS) as table:
+        table.write(row(ACCEPTED, 1.0))
         raise RuntimeError
     assert path.read_text() == 'older results'
     assert len(read_results(tmp_path / 'result.csv.part')) == 1
@@ -71,12 +72,12 @@ def test_a_table_that_is_none_is_one_error(tmp_path, content):
 def test_rows_of_a_run_that_crashed_are_kept_whenever_it_starts_again(tmp_path):
     path = tmp_path / 'result.csv'
     for run in range(3):
-        table = ResultWriter(path)
+        table = ResultWriter(path, COLUMNS)
         assert table.kept == (tmp_path / f'result.csv.{run}.part' if run else None)
         for _ in range(run + 1):
-            table.write(ACCEPTED, 1.0)
+            table.write(row(ACCEPTED, 1.0))
         table.abandon()
-    with ResultWriter(path):
+    with ResultWriter(path, COLUMNS):
         pass
     kept = [tmp_path / f'result.csv.{number}.part' for number in (1, 2, 3)]
     assert [len(read_results(one)) for one in kept] == [1, 2, 3]
@@ -86,39 +87,39 @@ def test_rows_of_a_run_that_crashed_are_kept_whenever_it_starts_again(tmp_path):
 @pytest.mark.parametrize('text', ['of the user', '\0' * 1000, 'caf\xe9'])
 def test_a_file_of_the_user_is_kept(tmp_path, text):
     (tmp_path / 'result.csv.part').write_text(text, encoding='latin-1')
-    with ResultWriter(tmp_path / 'result.csv') as table:
+    with ResultWriter(tmp_path / 'result.csv', COLUMNS) as table:
         assert table.kept.read_text(encoding='latin-1') == text
 
 
 def test_two_programs_do_not_write_the_same_table(tmp_path):
     path = tmp_path / 'result.csv'
-    with ResultWriter(path) as table:
-        table.write(ACCEPTED, 1.0)
+    with ResultWriter(path, COLUMNS) as table:
+        table.write(row(ACCEPTED, 1.0))
         with pytest.raises(OSError, match=r'another program writes it.*result.csv.part'):
-            ResultWriter(path)
+            ResultWriter(path, COLUMNS)
     assert len(read_results(path)) == 1
 
 
 def test_a_row_waits_for_the_disk_though_nothing_comes_after_it(tmp_path, monkeypatch):
     synced = []
-    monkeypatch.setattr('convseq_ros.results.os.fsync', lambda handle: synced.append(handle))
-    monkeypatch.setattr('convseq_ros.results._SYNC_EVERY_S', 0.001)
-    table = ResultWriter(tmp_path / 'result.csv')
+    monkeypatch.setattr('convseq_ros.io.results.os.fsync', lambda handle: synced.append(handle))
+    monkeypatch.setattr('convseq_ros.io.results._SYNC_EVERY_S', 0.001)
+    table = ResultWriter(tmp_path / 'result.csv', COLUMNS)
     for count in (1, 2):
-        table.write(ACCEPTED, 1.0)
+        table.write(row(ACCEPTED, 1.0))
         wait_for(lambda count=count: len(synced) >= count)
     table.close()
     assert len(synced) == 4  # and the table before it has its name, and its folder then
 
 
 def test_an_error_at_the_end_names_the_file(tmp_path, monkeypatch):
-    table = ResultWriter(tmp_path / 'result.csv')
-    table.write(ACCEPTED, 1.0)
+    table = ResultWriter(tmp_path / 'result.csv', COLUMNS)
+    table.write(row(ACCEPTED, 1.0))
 
     def full(*_):
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr('convseq_ros.results.os.replace', full)
+    monkeypatch.setattr('convseq_ros.io.results.os.replace', full)
     with pytest.raises(OSError, match=r'No space left.*result.csv.part'):
         table.close()
     assert len(read_results(tmp_path / 'result.csv.part')) == 1

@@ -16,10 +16,11 @@ from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import MapWriter, save_map
+from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.evaluation.data_set import read_data_set
 from convseq_ros.evaluation.report.shown import read_runs
 from convseq_ros.evaluation.truth import read_pairs, read_positions
-from convseq_ros.results import COLUMNS, read_results
+from convseq_ros.io.results import read_results
 from convseq_ros.sources import open_source
 from convseq_ros.sources.camera_info import camera_from_info, read_camera_file
 from convseq_ros.sources.images import message_pixels, picture_pixels

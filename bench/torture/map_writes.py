@@ -19,10 +19,11 @@ import traceback
 from convseq_ros.core.map.edit import joined, slices_of, unlink, without, write_new
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.session import Autosave
 from convseq_ros.core.types import Match, Reason, Status
 from convseq_ros.errors import MapError
-from convseq_ros.results import read_results, ResultWriter
+from convseq_ros.io.results import read_results, ResultWriter
 
 from bench.torture.attack import Try
 from bench.torture.disk import Acknowledged, arm, calls, How, print_tries, tries_of
@@ -167,20 +168,20 @@ def _thinned_or_not(path: Path, commits: list[int], acknowledged: int) -> None:
 
 def _rows(path: Path, commits: list[int]) -> None:
     """Create the table of a crashed run."""
-    table = ResultWriter(path)
+    table = ResultWriter(path, COLUMNS)
     _write(table, commits[0])
     table.abandon()
 
 
 def _write(table: ResultWriter, count: int, acknowledged: Acknowledged | None = None) -> None:
     for index in range(count):
-        table.write(Match(index, index, Status.SKIPPED, Reason.RECENT), 1.0)
+        table.write(row(Match(index, index, Status.SKIPPED, Reason.RECENT), 1.0))
         if acknowledged:
             acknowledged.value = index + 1
 
 
 def _tabulate(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
-    with ResultWriter(path) as table:
+    with ResultWriter(path, COLUMNS) as table:
         _write(table, sum(commits), acknowledged)
 
 
@@ -199,12 +200,12 @@ def _tabulated(path: Path, commits: list[int], acknowledged: int) -> None:
 
 def _older(path: Path, commits: list[int]) -> None:
     """Create the table of a completed run."""
-    with ResultWriter(path) as table:
+    with ResultWriter(path, COLUMNS) as table:
         _write(table, commits[0])
 
 
 def _complete(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
-    with ResultWriter(path) as table:
+    with ResultWriter(path, COLUMNS) as table:
         _write(table, sum(commits))
     acknowledged.value = 1
 

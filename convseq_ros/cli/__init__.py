@@ -8,9 +8,9 @@ import importlib
 import sys
 
 from convseq_ros import __version__
+from convseq_ros.config.parameter import refuse_retired
 from convseq_ros.errors import ConvseqError
-from convseq_ros.parameter import refuse_retired
-from convseq_ros.process import hand_over, interrupt, use_one_thread
+from convseq_ros.node.process import hand_over, interrupt, use_one_thread
 
 use_one_thread()
 

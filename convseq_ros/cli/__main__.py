@@ -4,7 +4,7 @@
 
 import sys
 
-from convseq_ros.process import run
+from convseq_ros.node.process import run
 
 
 def main() -> int:

@@ -24,14 +24,14 @@ from convseq_ros.config import (
     OnlineConfig,
     RobotConfig,
 )
+from convseq_ros.config.parameter import add_parameters, given, Parameter, parameters
+from convseq_ros.config.reading_config import chosen_reading, ReadingConfig
 from convseq_ros.core.cameras import of_camera
 from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import ConfigError, SourceError
-from convseq_ros.onnx_model import open_model
-from convseq_ros.parameter import add_parameters, given, Parameter, parameters
-from convseq_ros.reading_config import chosen_reading, ReadingConfig
+from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources import open_each_camera
 
 

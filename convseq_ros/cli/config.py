@@ -8,8 +8,8 @@ import json
 import textwrap
 
 from convseq_ros.config import core_parameters
-from convseq_ros.node_config import NodeConfig
-from convseq_ros.parameter import Parameter, parameters
+from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.config.parameter import Parameter, parameters
 
 _PAGE = """\
 # Parameters

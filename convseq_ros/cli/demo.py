@@ -17,7 +17,7 @@ from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.plots import demo_picture, TOLERANCE
-from convseq_ros.results import read_results
+from convseq_ros.io.results import read_results
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street

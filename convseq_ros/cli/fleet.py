@@ -39,7 +39,7 @@ from convseq_ros.errors import ConvseqError, FleetError, MapError, SourceError
 from convseq_ros.fleet.cluster import Cluster, connected, finished_jobs
 from convseq_ros.fleet.fleet import Fleet
 from convseq_ros.fleet.link import serve
-from convseq_ros.onnx_model import open_model
+from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources import recordings_in
 from convseq_ros.sources.folder import natural_key
 

@@ -18,13 +18,13 @@ from typing import Any
 from convseq_ros import __version__
 from convseq_ros.cli.map_picture import draw_map
 from convseq_ros.cli.options import printable, warn
+from convseq_ros.config.reading_config import add_reading, chosen_reading, ReadingConfig
 from convseq_ros.core.compiled import library
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.evaluation.provenance import processor, version_of
-from convseq_ros.reading_config import add_reading, chosen_reading, ReadingConfig
 from convseq_ros.sources import holds_recording, is_recording_file, open_source
 from convseq_ros.sources.raw_message import IMAGE_TYPES
 from convseq_ros.sources.storage import is_storage_file, open_storage

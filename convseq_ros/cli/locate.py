@@ -16,8 +16,8 @@ from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Localization, Match
 from convseq_ros.errors import ConfigError, ConvseqError, SourceError
 from convseq_ros.evaluation.match_picture import match_picture
-from convseq_ros.onnx_model import open_model
-from convseq_ros.regular_file import complete_or_absent
+from convseq_ros.io.regular_file import complete_or_absent
+from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.folder import FRAME_INTERVAL_NS
 from convseq_ros.sources.images import gray_and_color, read_picture

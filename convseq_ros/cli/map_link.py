@@ -15,6 +15,7 @@ from convseq_ros.cli.build_map import link_parameters
 from convseq_ros.cli.map_picture import draw_solved
 from convseq_ros.cli.options import map_progress, printable, progress
 from convseq_ros.config import make_config
+from convseq_ros.config.parameter import add_parameters, given
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.edit import joined, refuse_existing, SessionSlice, slices_of, write_new
 from convseq_ros.core.map.reader import open_map
@@ -23,12 +24,11 @@ from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.core.session import Autosave
 from convseq_ros.errors import MapError
-from convseq_ros.parameter import add_parameters, given
+from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.edges import edges_of, Poses
 from convseq_ros.pose_graph.g2o import g2o
 from convseq_ros.pose_graph.optimisation import optimise
-from convseq_ros.regular_file import complete_or_absent
 
 
 def describe(parser: argparse.ArgumentParser) -> None:

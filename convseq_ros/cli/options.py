@@ -10,12 +10,12 @@ import sys
 from typing import Any, TypeVar
 
 from convseq_ros.config import Config, core_parameters, make_config, OnlineConfig
+from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.config.parameter import add_parameters, given, parameters, refuse_unknown, Value
+from convseq_ros.config.reading_config import chosen_reading, ReadingConfig
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConfigError
-from convseq_ros.files import read_yaml
-from convseq_ros.node_config import NodeConfig
-from convseq_ros.parameter import add_parameters, given, parameters, refuse_unknown, Value
-from convseq_ros.reading_config import chosen_reading, ReadingConfig
+from convseq_ros.io.files import read_yaml
 
 Item = TypeVar('Item')
 _OF_ROS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')

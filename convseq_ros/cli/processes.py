@@ -16,8 +16,8 @@ import time
 from typing import NoReturn
 
 from convseq_ros.errors import ConvseqError, NEEDS_ROS, pip_install
-from convseq_ros.process import fast_dds, LARGE_IMAGES, SIGNALS
-from convseq_ros.results import read_results
+from convseq_ros.io.results import read_results
+from convseq_ros.node.process import fast_dds, LARGE_IMAGES, SIGNALS
 
 ODOM, CAMERA_INFO = '/odom', '/camera/camera_info'  # topics of drawn recordings
 _END_S = 10.0

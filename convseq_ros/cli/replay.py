@@ -25,11 +25,12 @@ from convseq_ros.cli.options import (
 from convseq_ros.cli.processes import need_ros
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match, Reason
 from convseq_ros.errors import MapError
-from convseq_ros.onnx_model import open_model
-from convseq_ros.results import ResultWriter
+from convseq_ros.io.results import ResultWriter
+from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources import in_order, open_each_camera, Source
 
 Listener = Callable[[Frame, Match, PlaceRecognizer, float], None]
@@ -139,10 +140,10 @@ def opened(path: Path) -> Iterator[Listener]:
         with import_module('convseq_ros.node.result_recording').ResultRecording(path) as recording:
             yield recording.write
         return
-    with ResultWriter(path) as table:
+    with ResultWriter(path, COLUMNS) as table:
         if table.kept:
             warn(f'{table.kept}: rows of a run that did not end')
-        yield lambda _frame, match, _recognizer, duration_ms: table.write(match, duration_ms)
+        yield lambda _frame, match, _recognizer, duration_ms: table.write(row(match, duration_ms))
 
 
 def _save(session: Session) -> None:

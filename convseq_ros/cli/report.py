@@ -6,12 +6,12 @@ import argparse
 from pathlib import Path
 import sys
 
+from convseq_ros.config.reading_config import add_reading, chosen_reading
 from convseq_ros.evaluation.report.charts import write_figures
 from convseq_ros.evaluation.report.page import write_report
 from convseq_ros.evaluation.report.shown import read_runs
 from convseq_ros.evaluation.run_folder import read_exports
 from convseq_ros.evaluation.table import format_table, summary_rows
-from convseq_ros.reading_config import add_reading, chosen_reading
 
 
 def describe(parser: argparse.ArgumentParser) -> None:

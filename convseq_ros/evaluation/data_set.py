@@ -8,10 +8,10 @@ from functools import lru_cache
 from pathlib import Path
 import re
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import ConfigError
-from convseq_ros.files import make_record, read_yaml
-from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.io.files import make_record, read_yaml
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 

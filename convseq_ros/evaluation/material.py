@@ -12,6 +12,7 @@ import time
 from typing import Any
 
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import FirstStage, identity_of
 from convseq_ros.core.encoding.view import upright
@@ -28,8 +29,7 @@ from convseq_ros.evaluation.truth import (
     Truth,
     within_radius,
 )
-from convseq_ros.onnx_model import open_model
-from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources import open_source
 from convseq_ros.sources.folder import pictures_in
 from convseq_ros.sources.pose_track import PoseTrack

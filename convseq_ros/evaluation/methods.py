@@ -13,15 +13,15 @@ from convseq_ros.baselines import seqslam
 from convseq_ros.baselines.loop_detector import ALPHA
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
+from convseq_ros.config.parameter import refuse_retired, Value
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ConfigError, SourceError
 from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.material import described, Images, Material
 from convseq_ros.evaluation.recognition import overridden, Recognition, recognize
-from convseq_ros.files import read_array
-from convseq_ros.onnx_model import OnnxModel
-from convseq_ros.parameter import refuse_retired, Value
-from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.io.files import read_array
+from convseq_ros.models.onnx_model import OnnxModel
 import numpy as np
 import numpy.typing as npt
 

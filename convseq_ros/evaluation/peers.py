@@ -14,11 +14,11 @@ from convseq_ros.baselines import local_features, vlad
 from convseq_ros.baselines.local_features import Extract, inliers, Keypoints
 from convseq_ros.baselines.loop_detector import detect, Detection
 from convseq_ros.baselines.vocabulary import bag_scores, Vocabulary
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Frame, Match, Reason, Status
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.material import described, Drive, Material
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 import numpy as np
 import numpy.typing as npt

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from convseq_ros.errors import ConvseqError, pip_install
-from convseq_ros.regular_file import complete_or_absent
+from convseq_ros.io.regular_file import complete_or_absent
 import cv2
 import numpy as np
 import numpy.typing as npt

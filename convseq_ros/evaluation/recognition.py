@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import time
 
 from convseq_ros.config import Config, flatten, with_values
+from convseq_ros.config.parameter import Value
 from convseq_ros.core import types
 from convseq_ros.core.map.edit import carry_links
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.evaluation.material import Material
-from convseq_ros.onnx_model import open_model
-from convseq_ros.parameter import Value
+from convseq_ros.models.onnx_model import open_model
 import numpy as np
 import numpy.typing as npt
 

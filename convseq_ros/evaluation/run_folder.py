@@ -31,17 +31,17 @@ import json
 from pathlib import Path
 from typing import Any
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.map.place import thumbnail
+from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.material import Images, Material
 from convseq_ros.evaluation.metrics import Curve
 from convseq_ros.evaluation.protocols import OPEN, Outcome, VERSION
 from convseq_ros.evaluation.scorecard import margin, Verdicts
 from convseq_ros.evaluation.table import check_figures
-from convseq_ros.files import read_array, read_text
-from convseq_ros.reading_config import ReadingConfig
-from convseq_ros.regular_file import complete_or_absent
-from convseq_ros.results import COLUMNS, row
+from convseq_ros.io.files import read_array, read_text
+from convseq_ros.io.regular_file import complete_or_absent
 import numpy as np
 import numpy.typing as npt
 

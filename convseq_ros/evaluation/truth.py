@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import io
 from pathlib import Path
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import SourceError
-from convseq_ros.files import read_text
-from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.io.files import read_text
 import numpy as np
 import numpy.typing as npt
 

@@ -17,7 +17,7 @@ from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError, FleetError
 from convseq_ros.fleet.cluster import checked_address, Cluster, connected
 from convseq_ros.fleet.fleet import Fleet
-from convseq_ros.onnx_model import open_model
+from convseq_ros.models.onnx_model import open_model
 
 Publish = Callable[[Match, float, PlaceRecognizer], None]  # a match, its milliseconds, by whom
 

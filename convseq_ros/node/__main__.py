@@ -5,7 +5,7 @@
 import sys
 from typing import NoReturn
 
-from convseq_ros.process import end_on_signal, run_node
+from convseq_ros.node.process import end_on_signal, run_node
 
 _USAGE = """\
 usage: vpr_node [--ros-args [-p NAME:=VALUE]... [--params-file FILE] [-r image:=TOPIC]...]
@@ -41,8 +41,8 @@ def _help() -> str:
     import textwrap
 
     from convseq_ros.config import core_parameters
-    from convseq_ros.node_config import NodeConfig
-    from convseq_ros.parameter import parameters
+    from convseq_ros.config.node_config import NodeConfig
+    from convseq_ros.config.parameter import parameters
 
     lines = [_USAGE]
     for item in (*parameters(NodeConfig), *core_parameters()):

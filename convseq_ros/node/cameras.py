@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Callable
 from shlex import quote
 
+from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.errors import ConfigError
 from convseq_ros.node.conversions import type_name
 from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.topics import FollowingSubscription, steady_timer
-from convseq_ros.node_config import NodeConfig
 from convseq_ros.sources.raw_message import RawMessage
 from nav_msgs.msg import Odometry
 from rclpy.node import Node

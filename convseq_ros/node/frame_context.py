@@ -9,6 +9,8 @@ import threading
 from types import SimpleNamespace
 from typing import Any
 
+from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.rigid import inverse, matrix, pose_of, ROBOT_LENS
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import ImageError, SourceError
@@ -16,8 +18,6 @@ from convseq_ros.node.cameras import camera_info_beside
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.topics import FollowingSubscription
-from convseq_ros.node_config import NodeConfig
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.camera_info import camera_from_info, fitted
 from convseq_ros.sources.depth import decode_depth, Depth, KEPT, nearest
 from convseq_ros.sources.pose_track import LONGEST_GAP_NS, pose_from_message, PoseTrack

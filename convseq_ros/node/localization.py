@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from functools import partial
 import time
 
+from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Localization, LocalizationState, Match
 from convseq_ros.node.conversions import pose_message, status_message
 from convseq_ros.node.diagnostics import Situation
 from convseq_ros.node.topics import advertise, LATCHED, SERVICE_QOS
 from convseq_ros.node.worker import Turn
-from convseq_ros.node_config import NodeConfig
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.callback_groups import ReentrantCallbackGroup

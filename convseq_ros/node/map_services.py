@@ -16,10 +16,10 @@ from convseq_ros.core.map.format import is_map_or_empty
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
 from convseq_ros.errors import MapError, with_traceback
+from convseq_ros.models.onnx_model import open_model
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.topics import SERVICE_QOS
 from convseq_ros.node.worker import Background, fulfil, Worker
-from convseq_ros.onnx_model import open_model
 from nav_msgs.srv import LoadMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node

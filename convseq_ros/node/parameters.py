@@ -7,9 +7,9 @@ import sys
 from typing import Any
 
 from convseq_ros.config import Config, core_parameters, make_config, make_group
+from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.config.parameter import Parameter, parameters, refuse_unknown
 from convseq_ros.errors import ConfigError
-from convseq_ros.node_config import NodeConfig
-from convseq_ros.parameter import Parameter, parameters, refuse_unknown
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,

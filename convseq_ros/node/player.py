@@ -13,15 +13,15 @@ import sys
 import time
 from typing import NamedTuple
 
-from convseq_ros.process import check_logs, end_on_signal, hand_over, run_node
+from convseq_ros.node.process import check_logs, end_on_signal, hand_over, run_node
 
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
     run_node('convseq_ros.node.player')
 
+from convseq_ros.config.reading_config import add_reading, chosen_reading
 from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.node.conversions import image_message, stamp_from_ns
-from convseq_ros.reading_config import add_reading, chosen_reading
 from convseq_ros.sources import open_source, Source
 from convseq_ros.sources.raw_message import RawMessage, STAMP_END
 from convseq_ros.sources.recording import Recording, TopicMessages

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from convseq_ros.config import Config
+from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -25,7 +26,6 @@ from convseq_ros.node.conversions import (
 )
 from convseq_ros.node.map_topics import MapTopics, MatchMarkers
 from convseq_ros.node.topics import advertise
-from convseq_ros.node_config import NodeConfig
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node

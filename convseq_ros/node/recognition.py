@@ -12,12 +12,13 @@ from typing import Any
 
 from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConfigError, ConvseqError, ImageError, ModelError, with_traceback
+from convseq_ros.io.results import ResultWriter
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.frame_context import FrameContext
-from convseq_ros.results import ResultWriter
 from convseq_ros.sources.images import gray_and_color, message_pixels
 from convseq_ros.sources.raw_message import RawMessage
 
@@ -39,7 +40,7 @@ class ResultLog:
         self._writer: ResultWriter | None = None
         if path:
             try:
-                self._writer = ResultWriter(Path(path))
+                self._writer = ResultWriter(Path(path), COLUMNS)
             except OSError as error:
                 raise ConfigError(
                     f'result_file: {path} cannot be written ({error.strerror}); '
@@ -52,7 +53,7 @@ class ResultLog:
         with self._lock:
             if writer := self._writer:
                 try:
-                    writer.write(match, duration_ms)
+                    writer.write(row(match, duration_ms))
                 except OSError as error:
                     self._logger.error(
                         f'{self._path}: {error.strerror}; going on without rows from frame '

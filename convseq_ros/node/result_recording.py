@@ -5,12 +5,12 @@
 from pathlib import Path
 from typing import Any, Self
 
+from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
+from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.node.conversions import type_name
 from convseq_ros.node.publishers import MatchPublishers
-from convseq_ros.node_config import NodeConfig
-from convseq_ros.regular_file import complete_or_absent
 from convseq_ros.sources.topics import typestore
 from rclpy.serialization import serialize_message
 

@@ -10,7 +10,14 @@ import sys
 import threading
 
 from convseq_ros.errors import ConvseqError, one_line
-from convseq_ros.process import check_logs, end_on_signal, fast_dds, hand_over, ignore, QUICK_START
+from convseq_ros.node.process import (
+    check_logs,
+    end_on_signal,
+    fast_dds,
+    hand_over,
+    ignore,
+    QUICK_START,
+)
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger

@@ -15,10 +15,12 @@ if __name__ == '__main__':
     start()
 
 from convseq_ros.config import Config
+from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError
+from convseq_ros.models.onnx_model import open_model
 from convseq_ros.node.cameras import image_subscriptions, QUEUE_BYTES, TopicFinder
 from convseq_ros.node.diagnostics import Diagnostics, ProgressLog, Situation, Statistics
 from convseq_ros.node.frame_context import FrameContext
@@ -31,8 +33,6 @@ from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.node.running import run_until_signal
 from convseq_ros.node.topics import SERVICE_QOS
 from convseq_ros.node.worker import Worker
-from convseq_ros.node_config import NodeConfig
-from convseq_ros.onnx_model import open_model
 from convseq_ros.sources.raw_message import RawMessage
 from std_srvs.srv import SetBool, Trigger
 

@@ -9,12 +9,13 @@ import sys
 import time
 from typing import Any
 
-from convseq_ros.process import check_logs, end_on_signal, run_node
+from convseq_ros.node.process import check_logs, end_on_signal, run_node
 
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
     run_node('convseq_ros.node.watch')
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.map.place import decode_jpeg
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -23,7 +24,6 @@ from convseq_ros.node.cameras import ImageSubscription
 from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.running import spin
 from convseq_ros.node.topics import FollowingSubscription
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.images import gray_and_color, message_pixels
 from convseq_ros.sources.raw_message import RawMessage
 import cv2

@@ -8,7 +8,7 @@ from typing import Any
 
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import ConvseqError, pip_install
-from convseq_ros.regular_file import complete_or_absent
+from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.simulation.drive import Shot
 import numpy as np
 

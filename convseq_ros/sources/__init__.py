@@ -9,10 +9,10 @@ import heapq
 from pathlib import Path
 from typing import Any, Protocol
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Camera, Frame
 from convseq_ros.errors import SourceError
-from convseq_ros.reading_config import ReadingConfig
-from convseq_ros.regular_file import refuse_irregular
+from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources.camera_info import fitted, read_camera_file
 from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
 from convseq_ros.sources.folder import ImageFolder, natural_key, pictures_in

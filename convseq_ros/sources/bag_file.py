@@ -7,8 +7,8 @@ import functools
 from pathlib import Path
 from typing import Any
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import SourceError
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.inflate import inflate
 from convseq_ros.sources.raw_message import RawMessage
 from convseq_ros.sources.topics import Index, Topic, typestore

@@ -8,10 +8,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from convseq_ros.config.reading_config import AS_YAML, ReadingConfig
 from convseq_ros.core.types import Camera, COEFFICIENTS
 from convseq_ros.errors import ConfigError, one_line, SourceError
-from convseq_ros.files import read_text, read_yaml
-from convseq_ros.reading_config import AS_YAML, ReadingConfig
+from convseq_ros.io.files import read_text, read_yaml
 
 _PROJECTION = 12  # numbers of a 3 x 4 matrix
 

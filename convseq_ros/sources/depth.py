@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ImageError, SourceError
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.folder import pictures_in
 from convseq_ros.sources.images import decoded, picture_bytes, pixels_of
 import cv2

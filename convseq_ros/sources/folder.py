@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 import re
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import ImageError, SourceError
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.images import gray_and_color, read_picture
 from convseq_ros.sources.raw_message import MAX_STAMP_NS
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ImageError
-from convseq_ros.picture_header import declared_size
-from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.io.picture_header import declared_size, refuse_large
 from convseq_ros.sources.raw_message import COMPRESSED_IMAGE, RawMessage
 import cv2
 import numpy as np
@@ -124,7 +124,7 @@ def decoded(data: Any, flags: int, reading: ReadingConfig) -> npt.NDArray[Any]:
     content = data if isinstance(data, bytes) else encoded.tobytes()
     size, pixels = declared_size(content), None
     if size is not None:
-        reading.refuse_picture(size, 'data')
+        refuse_large(size, reading, 'data')
         if _is_cut_jpeg(content):
             count = encoded.size
             raise ImageError(f'data: {count} bytes of a JPEG that is cut short; send it whole')

@@ -10,8 +10,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import SourceError
-from convseq_ros.reading_config import ReadingConfig
 
 _PIECE_BYTES = 1 << 20
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import struct
 from typing import Any, IO
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import one_line, SourceError
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.inflate import inflate, inflated_file
 from convseq_ros.sources.raw_message import RawMessage
 from convseq_ros.sources.topics import Index, merge_topics, Topic

@@ -7,11 +7,11 @@ from decimal import Decimal
 import math
 from pathlib import Path
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.rigid import quaternion, ROBOT_LENS
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import SourceError
-from convseq_ros.files import read_text
-from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.io.files import read_text
 from convseq_ros.sources.pose_track import PoseTrack
 import numpy as np
 import numpy.typing as npt

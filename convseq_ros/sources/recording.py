@@ -7,9 +7,9 @@ from operator import itemgetter
 from pathlib import Path
 import sys
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ImageError, SourceError
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.camera_info import camera_from_info
 from convseq_ros.sources.images import gray_and_color, message_pixels
 from convseq_ros.sources.nav_sat import Fix, fix_from_message, local_poses

@@ -7,9 +7,9 @@ from pathlib import Path
 import re
 from typing import Any
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import one_line, pip_install, SourceError
-from convseq_ros.reading_config import ReadingConfig
-from convseq_ros.regular_file import refuse_irregular
+from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources import bag_file, database_file, mcap_file
 from convseq_ros.sources.folder import natural_key
 from convseq_ros.sources.raw_message import RawMessage

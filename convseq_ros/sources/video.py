@@ -5,9 +5,9 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.images import gray_and_color
 import cv2
 import numpy as np

@@ -14,8 +14,8 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
+from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.pose_graph.optimisation import gnc_fit
-from convseq_ros.regular_file import complete_or_absent
 import gtsam
 import numpy as np
 import numpy.typing as npt

@@ -13,7 +13,7 @@ import time
 
 from convseq_ros.cli import COMMANDS, main, MOVED
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.results import read_results
+from convseq_ros.io.results import read_results
 from pictures import scene, written
 from programs import run
 import pytest

@@ -3,7 +3,7 @@
 """The demo: the main job with a real node, and a folder that it refuses."""
 
 from convseq_ros.cli import main
-from convseq_ros.results import read_results
+from convseq_ros.io.results import read_results
 import cv2
 import pytest
 

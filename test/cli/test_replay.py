@@ -6,7 +6,7 @@ import json
 
 from convseq_ros.cli import main
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.results import read_results
+from convseq_ros.io.results import read_results
 from convseq_ros.sources import open_source
 import numpy as np
 from pictures import picture, written

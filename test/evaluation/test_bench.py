@@ -6,13 +6,13 @@ import csv
 import json
 
 from convseq_ros.config import Config
+from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.errors import ConfigError, ConvseqError
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.methods import KINDS, make_method, parse_method
 from convseq_ros.evaluation.recognition import overridden
 from convseq_ros.evaluation.run_folder import EXTRA_COLUMNS, read_run
-from convseq_ros.results import COLUMNS
 import cv2
 import numpy as np
 import pytest

@@ -13,9 +13,9 @@ import sys
 import xml.etree.ElementTree
 
 from convseq_ros.cli import main
+from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.evaluation.report.page import write_report
 from convseq_ros.evaluation.report.shown import read_runs, right_to_show
-from convseq_ros.results import COLUMNS
 import cv2
 import numpy as np
 import pytest

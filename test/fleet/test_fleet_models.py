@@ -7,7 +7,7 @@ import shutil
 
 from convseq_ros.cli import main
 from convseq_ros.core.map.reader import MapReader, open_map
-from convseq_ros.results import read_results
+from convseq_ros.io.results import read_results
 from descriptor_models import made
 import numpy as np
 import pytest

@@ -17,7 +17,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.cluster import Cluster, connected
 from convseq_ros.fleet.fleet import Fleet
-from convseq_ros.results import read_results
+from convseq_ros.io.results import read_results
 import pytest
 from two_cameras import COUNT, DEPTH, record_two_cameras, TOPICS
 

@@ -12,7 +12,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import MapError, ModelError
-from convseq_ros.onnx_model import OnnxModel
+from convseq_ros.models.onnx_model import OnnxModel
 from descriptor_models import made
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest

@@ -6,11 +6,11 @@ from contextlib import contextmanager
 import threading
 from unittest.mock import Mock
 
+from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.errors import ConfigError
 from convseq_ros.node import cameras
 from convseq_ros.node.cameras import image_subscriptions
 from convseq_ros.node.topics import FollowingSubscription
-from convseq_ros.node_config import NodeConfig
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest

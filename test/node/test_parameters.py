@@ -3,10 +3,10 @@
 """Parameters of the node are those of config.py, checked at start and when set."""
 
 from convseq_ros.config import Config, core_parameters
+from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.config.parameter import parameters
 from convseq_ros.errors import ConfigError
 from convseq_ros.node.parameters import declare, KNOWN
-from convseq_ros.node_config import NodeConfig
-from convseq_ros.parameter import parameters
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter

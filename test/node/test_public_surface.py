@@ -23,10 +23,10 @@ from xml.etree import ElementTree
 import convseq_ros
 from convseq_ros.cli import COMMANDS, main, NODES
 from convseq_ros.config import core_parameters
+from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.config.parameter import parameters
 from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, TABLES
-from convseq_ros.node_config import NodeConfig
-from convseq_ros.parameter import parameters
-from convseq_ros.results import COLUMNS
+from convseq_ros.core.result_row import COLUMNS
 from programs import run
 import pytest
 

@@ -8,7 +8,7 @@ from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.types import Reason
-from convseq_ros.results import read_results
+from convseq_ros.io.results import read_results
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest

@@ -13,11 +13,11 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Camera, Match, Pose, Reason, Status
 from convseq_ros.errors import ConvseqError, MapError
+from convseq_ros.io.results import read_results, ResultWriter
 from convseq_ros.node import diagnostics
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
-from convseq_ros.results import read_results, ResultWriter
 from convseq_ros.sources.raw_message import IMAGE, RawMessage
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np

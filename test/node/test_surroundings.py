@@ -7,11 +7,11 @@ import threading
 from types import SimpleNamespace
 from unittest.mock import Mock
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Camera
 from convseq_ros.node import frame_context as module
 from convseq_ros.node.conversions import stamp_from_ns
 from convseq_ros.node.frame_context import Mount
-from convseq_ros.reading_config import ReadingConfig
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 
-from convseq_ros.results import read_results
+from convseq_ros.io.results import read_results
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np

@@ -5,8 +5,9 @@
 import signal
 
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.result_row import COLUMNS
+from convseq_ros.io.results import read_results
 from convseq_ros.node.conversions import CANDIDATE, stamp_from_ns, stamp_to_ns
-from convseq_ros.results import COLUMNS, read_results
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped

@@ -9,9 +9,9 @@ import threading
 import tracemalloc
 import zipfile
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 from convseq_ros.sources.inflate import inflate
 import numpy as np

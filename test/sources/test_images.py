@@ -7,8 +7,8 @@ import struct
 from types import SimpleNamespace
 import zlib
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ImageError
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 from convseq_ros.sources.images import (
     compressed_pixels,

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an image declares is checked before it is decoded, whatever its format."""
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ImageError, SourceError
-from convseq_ros.picture_header import declared_size
-from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.io.picture_header import declared_size
 from convseq_ros.sources import open_source
 from convseq_ros.sources.images import picture_pixels
 import cv2

@@ -10,14 +10,14 @@ from types import SimpleNamespace
 
 from convseq_ros.cli.options import read_parameter_file
 from convseq_ros.config import EncodingConfig
+from convseq_ros.config.parameter import parameters
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.methods import read_descriptors, read_scores
 from convseq_ros.evaluation.run_folder import read_run
 from convseq_ros.evaluation.truth import read_pairs, read_positions
-from convseq_ros.parameter import parameters
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.images import image_pixels

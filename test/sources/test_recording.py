@@ -5,9 +5,9 @@
 from dataclasses import replace
 import sys
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError, ImageError, SourceError
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_annotated, open_source
 from convseq_ros.sources import recording as module
 from convseq_ros.sources.depth import decode_depth

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.config import EncodingConfig, RobotConfig
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.descriptor import HOG
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import Camera, Frame, Gray
 from convseq_ros.errors import ConfigError, ImageError, SourceError
-from convseq_ros.picture_header import declared_size
-from convseq_ros.reading_config import ReadingConfig
-from convseq_ros.regular_file import read_bytes
+from convseq_ros.io.picture_header import declared_size, refuse_large
+from convseq_ros.io.regular_file import read_bytes
 import cv2
 import numpy as np
 
@@ -97,7 +97,7 @@ def _read(path: Path, reading: ReadingConfig) -> Gray:
         data = read_bytes(path, 'a picture', reading.refuse_file)
         size, picture = declared_size(data), None
         if size:
-            reading.refuse_picture(size, str(path))
+            refuse_large(size, reading, str(path))
     except (ImageError, SourceError) as error:
         raise ConfigError(f'image_mask: {error}') from None
     if size:

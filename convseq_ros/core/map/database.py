@@ -15,7 +15,7 @@ from typing import Any, Self
 
 from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, row_crc, SCHEMA, TABLES
 from convseq_ros.errors import MapError
-from convseq_ros.regular_file import PART
+from convseq_ros.io.regular_file import PART
 
 Rows = list[tuple[Any, ...]]
 

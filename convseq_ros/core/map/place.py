@@ -11,7 +11,7 @@ from typing import Any
 from convseq_ros.core.encoding.regions import Cells, REGION
 from convseq_ros.core.graph.links import SessionBounds
 from convseq_ros.core.types import constants, Doubles, Floats, Gray, Halves, Pose, Vector
-from convseq_ros.picture_header import declared_size
+from convseq_ros.io.picture_header import declared_size
 import cv2
 import numpy as np
 import numpy.typing as npt

@@ -22,7 +22,7 @@ from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Halves
 from convseq_ros.errors import MapError
-from convseq_ros.regular_file import complete_or_absent
+from convseq_ros.io.regular_file import complete_or_absent
 
 _AT_ONCE = 64  # places that are read together: 1 MB, more with images
 

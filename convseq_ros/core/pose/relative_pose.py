@@ -12,6 +12,7 @@ from there, as errors grow with the distance. (4) If the map keeps images, keypo
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.geometry.alignment import align, ALIGNMENT, Alignment, two_view, unshrunk
 from convseq_ros.core.geometry.displacement import Arranged, followed, found_in
@@ -41,7 +42,6 @@ from convseq_ros.core.types import (
     RelativePose,
     Shift,
 )
-from convseq_ros.reading_config import ReadingConfig
 import numpy as np
 
 _KEPT = 64  # places whose measured depths are cached

@@ -16,7 +16,7 @@ from convseq_ros.evaluation.report.charts import run_charts, set_charts, svg
 from convseq_ros.evaluation.report.shown import Row, Shown
 from convseq_ros.evaluation.run_folder import write_text
 from convseq_ros.evaluation.table import best_of, HEADINGS, summary_rows, text_of
-from convseq_ros.regular_file import read_bytes
+from convseq_ros.io.regular_file import read_bytes
 
 _MOST_FRAMES = 2000  # with pairs, over all sets: about 20 MB
 _SOURCE = 'argv', 'date', 'machine', 'versions', 'criterion', 'configuration', 'k_distribution'

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ConvseqError, one_line, SourceError
 from convseq_ros.evaluation.run_folder import read_run, read_table, Run
 from convseq_ros.evaluation.table import check_figures
-from convseq_ros.reading_config import ReadingConfig
 import numpy as np
 import numpy.typing as npt
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import math
 from pathlib import Path
 
+from convseq_ros.config.parameter import add_parameters, Checked, given, parameter, parameters
 from convseq_ros.errors import ImageError, SourceError
-from convseq_ros.parameter import add_parameters, Checked, given, parameter, parameters
-from convseq_ros.picture_header import DeclaredSize, USUAL_SCANS
 
 # Cost of a byte of a file, relative to a byte of an array: text takes several bytes in Python,
 # and YAML takes long: 0.1 MB a second, with rosbags' reader 0.06 MB.
@@ -55,12 +54,6 @@ class ReadingConfig(Checked):
         """Raise an ImageError if an image has too many pixels to be decoded."""
         if line := self.above('max_image_mpx', pixels / _MEGA, what):
             raise ImageError(line)
-
-    def refuse_picture(self, size: DeclaredSize, what: str) -> None:
-        """Raise an ImageError if a picture is too large to be decoded, or has too many scans."""
-        mpx, scanned = size.pixels / _MEGA, size.pixels * size.passes // USUAL_SCANS
-        self.refuse_image(size.pixels, f'{what}: a picture of {mpx:.3g} Mpx')
-        self.refuse_image(scanned, f'{what}: {size.passes} scans of {mpx:.3g} Mpx')
 
     def refuse_file(self, path: Path, size_bytes: int, cost: int = AS_ARRAY) -> None:
         """Raise a SourceError if a file, or the content it declares, is too large to be read."""

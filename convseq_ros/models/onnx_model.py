@@ -10,12 +10,12 @@ import re
 from typing import Any
 
 from convseq_ros.config import Config
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.first_stage import checked_vector
 from convseq_ros.errors import ModelError, one_line, pip_install, SourceError
-from convseq_ros.files import read_yaml
-from convseq_ros.onnx_file import external_files
-from convseq_ros.reading_config import ReadingConfig
-from convseq_ros.regular_file import read_bytes
+from convseq_ros.io.files import read_yaml
+from convseq_ros.io.regular_file import read_bytes
+from convseq_ros.models.onnx_file import external_files
 import cv2
 import numpy as np
 import numpy.typing as npt

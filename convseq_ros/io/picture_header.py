@@ -7,9 +7,11 @@ import re
 import struct
 from typing import NamedTuple
 
+from convseq_ros.config.reading_config import ReadingConfig
+
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # ITU T.81, table B.1: SOFn
 _JPEG_ALONE = frozenset({0x01, *range(0xD0, 0xD9)})  # ibid.: markers without a length
-USUAL_SCANS = 16  # that together count as one; libjpeg writes at most 10 (jcparam.c, 9e)
+_USUAL_SCANS = 16  # that together count as one; libjpeg writes at most 10 (jcparam.c, 9e)
 _JPEG_SCAN = b'\xff\xda'
 _CHUNK_HEAD_BYTES = 8  # of a PNG: length, kind
 _CHUNK_BYTES = _CHUNK_HEAD_BYTES + 4  # without its content: also the checksum
@@ -27,6 +29,13 @@ class DeclaredSize(NamedTuple):
 
     pixels: int  # that a decoder allocates, at 3 bytes each
     passes: int = 1  # of the decoder over all pixels: the scans of a JPEG
+
+
+def refuse_large(size: DeclaredSize, reading: ReadingConfig, what: str) -> None:
+    """Raise an ImageError if a picture is too large to be decoded, or has too many scans."""
+    mpx, scanned = size.pixels / 1e6, size.pixels * size.passes // _USUAL_SCANS
+    reading.refuse_image(size.pixels, f'{what}: a picture of {mpx:.3g} Mpx')
+    reading.refuse_image(scanned, f'{what}: {size.passes} scans of {mpx:.3g} Mpx')
 
 
 def declared_size(data: bytes) -> DeclaredSize | None:

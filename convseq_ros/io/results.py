@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result table, with a row for every frame."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 import csv
 from errno import EBUSY
@@ -13,92 +13,37 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import IO, Self
 
-from convseq_ros.core.types import Match, Reason, RelativePose, Status
 from convseq_ros.errors import SourceError
-from convseq_ros.regular_file import refuse_irregular, replace_safely
+from convseq_ros.io.regular_file import refuse_irregular, replace_safely
 
 _SYNC_EVERY_S = 1.0  # rows of this time may be lost in a power failure
-
-
-def row(match: Match, duration_ms: float) -> dict[str, object]:
-    """Return the row of a match; None, an empty field, for a value that is missing."""
-    accepted, best, localization = match.accepted, match.best, match.localization
-    shift = best.shift if best and best.shift else (None, None)
-    rows_px, cols_px = match.shift_px or (None, None)
-    return {
-        'query_index': match.query_index,
-        'query_stamp_ns': match.query_stamp_ns,
-        'status': match.status.value,
-        'reason': match.reason.value,
-        'reference_index': accepted.reference_index if accepted else None,
-        'reference_stamp_ns': accepted.reference_stamp_ns if accepted else None,
-        'score': f'{accepted.score:.7f}' if accepted else None,
-        'confidence': _decimals(match.confidence, 4),
-        'sequence_length': match.sequence_length,
-        'best_index': best.reference_index if best else None,
-        'best_score': f'{best.score:.7f}' if best else None,
-        'shift_rows': shift[0],
-        'shift_cols': shift[1],
-        'pairs_scored': match.pairs_scored,
-        'duration_ms': f'{duration_ms:.3f}',
-        'shift_rows_px': _decimals(rows_px, 1),
-        'shift_cols_px': _decimals(cols_px, 1),
-        'relative_yaw_rad': _decimals(match.relative_yaw_rad, 5),
-        'inliers': best.inliers if best else None,
-        'localization': localization.state.value if localization else None,
-        'localization_quality': _decimals(localization.quality, 4) if localization else None,
-        **_relative(match.relative_pose),
-        'implausible_m': _decimals(match.implausible_m, 2),
-        'session': best.session if best else None,
-        'camera': match.camera or None,
-        'anchor_session': match.anchor.session_id if match.anchor else None,
-        'anchor_stamp_ns': match.anchor.stamp_ns if match.anchor else None,
-    }
-
-
-def _relative(pose: RelativePose | None) -> dict[str, str | None]:
-    position: tuple[float | None, ...] = (pose and pose.position_m) or (None,) * 3
-    turn: tuple[float | None, ...] = pose.orientation if pose else (None,) * 4
-    values = [_decimals(x, 4) for x in position] + [_decimals(x, 6) for x in turn]
-    names = [f'{axis}_m' for axis in 'xyz'] + [f'q{axis}' for axis in 'xyzw']
-    return {
-        **{f'relative_{name}': value for name, value in zip(names, values, strict=True)},
-        'position_sigma_m': _decimals(pose.position_sigma_m, 4) if pose else None,
-        'heading_sigma_rad': _decimals(pose.heading_sigma_rad, 5) if pose else None,
-    }
-
-
-def _decimals(value: float | None, count: int) -> str | None:
-    return None if value is None else f'{value:.{count}f}'
-
-
-COLUMNS = tuple(row(Match(0, 0, Status.SKIPPED, Reason.WEAK), 0.0))
-_HEADER = ','.join(COLUMNS) + '\n'
 
 
 class ResultWriter:
     """
     Writes a result table row by row; use it as a context manager.
 
-    Rows are written to `<path>.part`, which `close` renames to `<path>`; a power failure may lose
-    the rows of the last second. If an earlier run left rows behind, its file is renamed to
-    `<path>.1.part`, or a higher number: `kept`. OSError if it cannot be written or is in use.
+    `columns` are their names, such as those of `convseq_ros.core.result_row`. Rows are written to
+    `<path>.part`, which `close` renames to `<path>`; a power failure may lose the rows of the last
+    second. If an earlier run left rows behind, its file is renamed to `<path>.1.part`, or a higher
+    number: `kept`. OSError if it cannot be written or is in use.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
         self._path, self.kept = path, None
+        header = ','.join(columns) + '\n'
         self._part = path.with_name(path.name + '.part')
         self._file = self._opened('a')
         with self._part.open(encoding='utf-8', errors='replace') as file:
-            has_rows = not _HEADER.startswith(file.read(len(_HEADER) + 1))
+            has_rows = not header.startswith(file.read(len(header) + 1))
         if has_rows:
             self.kept = _free_name(path)
             os.rename(self._part, self.kept)
             self._file.close()
             self._file = self._opened('x')
         self._file.truncate(0)
-        self._table = csv.DictWriter(self._file, COLUMNS, lineterminator='\n')
-        self._file.write(_HEADER)
+        self._table = csv.DictWriter(self._file, columns, lineterminator='\n')
+        self._file.write(header)
         self._written, self._end = Event(), Event()
         # A second handle, without the lock: the file may be closed during a sync.
         handle = os.open(self._part, os.O_RDONLY)
@@ -114,10 +59,10 @@ class ResultWriter:
             raise OSError(EBUSY, 'another program writes it', str(self._part)) from None
         return file
 
-    def write(self, match: Match, duration_ms: float) -> None:
-        """Append a row; OSError, naming the part file, if the disk is full."""
+    def write(self, row: Mapping[str, object]) -> None:
+        """Append a row, by column; OSError, naming the part file, if the disk is full."""
         with self._named():
-            self._table.writerow(row(match, duration_ms))
+            self._table.writerow(row)
         self._written.set()
 
     def close(self) -> None:

@@ -12,9 +12,16 @@ from dataclasses import dataclass, fields, replace
 import math
 from typing import Any, TypeVar
 
+from convseq_ros.config.parameter import (
+    Checked,
+    Parameter,
+    parameter,
+    parameters,
+    refuse_unknown,
+    Value,
+)
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ConfigError
-from convseq_ros.parameter import Checked, Parameter, parameter, parameters, refuse_unknown, Value
-from convseq_ros.reading_config import ReadingConfig
 
 Group = TypeVar('Group')
 _UNKNOWN_MOUNT = '0 0 0 0 0 0'

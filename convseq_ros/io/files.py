@@ -9,10 +9,10 @@ import math
 from pathlib import Path
 from typing import Any, get_args, get_origin, TypeVar
 
+from convseq_ros.config.parameter import refuse_unknown
+from convseq_ros.config.reading_config import AS_TEXT, AS_YAML, ReadingConfig
 from convseq_ros.errors import ConfigError, ConvseqError, one_line, pip_install, SourceError
-from convseq_ros.parameter import refuse_unknown
-from convseq_ros.reading_config import AS_TEXT, AS_YAML, ReadingConfig
-from convseq_ros.regular_file import read_bytes, refuse_irregular
+from convseq_ros.io.regular_file import read_bytes, refuse_irregular
 import numpy as np
 import numpy.typing as npt
 

@@ -103,7 +103,7 @@ def fast_dds(profile: str) -> dict[str, str]:
     Empty if the user has chosen a profile, or ours are not installed. With `LARGE_IMAGES` neither
     large images nor messages beside them are lost. Both profiles discover others at once.
     """
-    beside = Path(__file__).resolve().parents[1]
+    beside = Path(__file__).resolve().parents[2]
     prefix = beside.parent.parent.parent
     for folder in (beside / 'config', prefix / 'share' / 'convseq_ros' / 'config'):
         if (folder / profile).is_file() and not any(name in os.environ for name in _CHOSEN_BY):

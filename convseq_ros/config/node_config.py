@@ -4,7 +4,7 @@
 
 from dataclasses import dataclass
 
-from convseq_ros.parameter import Checked, parameter
+from convseq_ros.config.parameter import Checked, parameter
 
 
 # A table of parameters reads better in few lines.
