@@ -9,14 +9,23 @@ from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.sources.images import gray_and_color
+from convseq_ros.sources.raw_message import MAX_STAMP_NS
 import cv2
 import numpy as np
 
 VIDEO_SUFFIXES = frozenset({'.mp4', '.avi', '.mkv', '.mov', '.webm', '.m4v', '.mpg', '.mpeg'})
 
 
+_MAX_RATE_HZ = 1000.0  # a video without a frame rate shows the rate of its clock: 1000 or more
+_USUAL_RATE_HZ = 30.0
+
+
 class Video:
-    """The frames of a video, stamped by its frame rate from 0 on; or SourceError."""
+    """
+    The frames of a video, stamped by their own times from 0 on; or SourceError.
+
+    Frames without times are stamped by the frame rate, or 1/30 s apart if there is none.
+    """
 
     pose_frame = ''
 
@@ -33,25 +42,30 @@ class Video:
         if line := reading.above('max_image_mpx', width * height / 1e6, what):
             capture.release()
             raise SourceError(line)
-        self._count = max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
-        rate = capture.get(cv2.CAP_PROP_FPS)
-        self._interval_ns = round(1e9 / (rate if rate > 0 else 30.0))
+        rate_hz = capture.get(cv2.CAP_PROP_FPS)
+        has_rate = 0 < rate_hz < _MAX_RATE_HZ
+        self._interval_ns = round(1e9 / (rate_hz if has_rate else _USUAL_RATE_HZ))
+        announced = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        # Without a rate, OpenCV announces a count that it computed from the clock's rate.
+        self._count = int(announced) if has_rate and announced >= 1 else 0
         capture.release()
 
     def __len__(self) -> int:
+        self._count = self._count or self._counted()
         return self._count
 
     def __iter__(self) -> Iterator[Frame]:
         capture = self._opened()
-        count = 0
+        count, stamp_ns = 0, -self._interval_ns
         try:
             while True:
                 is_read, image = capture.read()
                 if not is_read:
                     break
                 gray, color = gray_and_color(np.asarray(image, np.uint8), self._reading)
-                source = f'{self.name} {count}'
-                yield Frame(count * self._interval_ns, gray, source, color=color)
+                own_ns = _nanoseconds(capture.get(cv2.CAP_PROP_POS_MSEC))
+                stamp_ns = own_ns if own_ns > stamp_ns else stamp_ns + self._interval_ns
+                yield Frame(stamp_ns, gray, f'{self.name} {count}', color=color)
                 count += 1
         finally:
             capture.release()
@@ -63,6 +77,13 @@ class Video:
             if warning not in self.warnings:
                 self.warnings.append(warning)
 
+    def _counted(self) -> int:
+        capture, count = self._opened(), 0
+        while capture.grab():
+            count += 1
+        capture.release()
+        return count
+
     def _opened(self) -> cv2.VideoCapture:
         capture = cv2.VideoCapture(str(self._path))
         if not capture.isOpened():
@@ -72,3 +93,8 @@ class Video:
                 '`ffmpeg -i VIDEO out.mp4`'
             )
         return capture
+
+
+def _nanoseconds(time_ms: float) -> int:
+    """Return a time in whole microseconds, as nanoseconds; 0 if it is not a time."""
+    return round(time_ms * 1e3) * 1000 if 0 <= time_ms < MAX_STAMP_NS / 1e6 else 0
