@@ -13,7 +13,14 @@ import time
 from typing import Any
 
 from convseq_ros.cli.info import describe_recording, quoted
-from convseq_ros.cli.options import add_images, add_max_looks, chosen_images, progress, warn
+from convseq_ros.cli.options import (
+    add_images,
+    add_max_looks,
+    chosen_images,
+    progress,
+    tells_what_is_kept,
+    warn,
+)
 from convseq_ros.config import (
     Config,
     EncodingConfig,
@@ -86,17 +93,18 @@ def run(chosen: argparse.Namespace) -> int:
     """Build a map, and print the result."""
     if chosen.max_looks and chosen.no_links:
         raise ConfigError('max_looks: needs links; leave out --no-links')
-    built = build(
-        chosen.recording,
-        chosen.map,
-        chosen_settings(chosen),
-        append=chosen.append,
-        session=chosen.session,
-        pose_frame=chosen.pose_frame,
-        links=not chosen.no_links,
-        max_looks=chosen.max_looks,
-        **chosen_images(chosen),
-    )
+    with tells_what_is_kept(chosen.map):
+        built = build(
+            chosen.recording,
+            chosen.map,
+            chosen_settings(chosen),
+            append=chosen.append,
+            session=chosen.session,
+            pose_frame=chosen.pose_frame,
+            links=not chosen.no_links,
+            max_looks=chosen.max_looks,
+            **chosen_images(chosen),
+        )
     if chosen.json:
         print(json.dumps(asdict(built)))
     else:
@@ -129,7 +137,8 @@ def build(
     Build a map file, or add to one; `images` are arguments of `open_each_camera`.
 
     Each of several topics makes a session. Warnings and progress go to standard error, or only
-    warnings to `on_warning`. SourceError or MapError if a file is unusable; then no map is made.
+    warnings to `on_warning`. SourceError or MapError if a file is unusable; a map keeps what was
+    added before.
     """
     model = open_model(config)
     reading = with_first_stage(config, model).reading

@@ -8,18 +8,18 @@ import json
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.cli.options import add_config, chosen_config
+from convseq_ros.cli.options import add_config, chosen_config, warn
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Localization, Match
-from convseq_ros.errors import ConfigError, ConvseqError, SourceError
+from convseq_ros.errors import ConfigError, ConvseqError, ImageError, SourceError
 from convseq_ros.evaluation.match_picture import match_picture
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources.camera_info import read_camera_file
-from convseq_ros.sources.folder import FRAME_INTERVAL_NS
+from convseq_ros.sources.folder import FRAME_INTERVAL_NS, unreadable
 from convseq_ros.sources.images import gray_and_color, read_picture
 import cv2
 
@@ -64,14 +64,21 @@ def _frames(
     for number, path in enumerate(images, 1):
         if path.is_dir():
             raise SourceError(f'{path}: a folder; give its last few pictures, or use replay')
+        stamp_ns = number * FRAME_INTERVAL_NS
         try:
             gray, color = gray_and_color(read_picture(path, reading), reading)
-        except ConvseqError as error:
-            raise SourceError(f'{path}: {error}') from None
+        except ImageError as error:
+            problem = unreadable(path, error)
+            frames.append(Frame(stamp_ns, None, str(path), problem=problem))
+            continue
         height, width = gray.shape
         camera = read_camera_file(camera_info, height, width, reading) if camera_info else None
-        stamp_ns = number * FRAME_INTERVAL_NS
         frames.append(Frame(stamp_ns, gray, str(path), camera=camera, color=color))
+    problems = [frame.problem for frame in frames if frame.gray is None]
+    if len(problems) == len(frames):
+        raise SourceError(problems[-1])
+    for problem in problems:
+        warn(problem)
     return frames
 
 

@@ -4,8 +4,10 @@
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
+import shlex
 import sys
 from typing import Any, TypeVar
 
@@ -14,7 +16,8 @@ from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import add_parameters, given, parameters, refuse_unknown, Value
 from convseq_ros.config.reading_config import chosen_reading, ReadingConfig
 from convseq_ros.core.encoding.view import with_mask_read
-from convseq_ros.errors import ConfigError
+from convseq_ros.core.map.reader import MapReader, open_map
+from convseq_ros.errors import ConfigError, MapError
 from convseq_ros.io.files import read_yaml
 
 Item = TypeVar('Item')
@@ -111,6 +114,31 @@ def progress(items: Iterable[Item], total: int, name: str, unit: str = 'frames')
 def warn(line: str) -> None:
     """Print a warning on standard error."""
     print(f'warning: {line}', file=sys.stderr)
+
+
+@contextmanager
+def tells_what_is_kept(path: Path) -> Iterator[None]:
+    """Warn, if a block fails, which new places a map keeps, and how to take them out."""
+    before = _session_ids(path)
+    try:
+        yield
+    except BaseException:
+        with suppress(MapError):
+            after = open_map(path)
+            ids = [after.sessions[place.session].id for place in after.places]
+            if new := [one for one in ids if one not in before]:
+                chosen = ''.join(f' --session {one}' for one in dict.fromkeys(new))
+                remedy = f'convseq map remove {shlex.quote(str(path))}{chosen}'
+                remedy = remedy if before else 'delete it'
+                kept = f'keeps the places of this run ({len(new)})'
+                warn(f'{path}: {kept}; to take them out: {remedy}')
+        raise
+
+
+def _session_ids(path: Path) -> set[str]:
+    with suppress(MapError):
+        return {session.id for session in MapReader(path).sessions()}
+    return set()
 
 
 def map_progress(path: Path) -> Callable[[Sequence[int]], Iterable[int]]:

@@ -5,7 +5,7 @@
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from functools import partial
 from importlib import import_module
 import json
@@ -20,6 +20,7 @@ from convseq_ros.cli.options import (
     chosen_config,
     chosen_images,
     progress,
+    tells_what_is_kept,
     warn,
 )
 from convseq_ros.cli.processes import need_ros
@@ -58,14 +59,13 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Replay, write the table, and print a summary."""
     config, sources = chosen_config(chosen), chosen.topic.split()
-    session = Session(chosen.map, config, sources=sources, describe=open_model(config))
-    for line in session.ignored:
-        warn(line)
-    try:
-        session.warm_up()
-        summary = replay_chosen(chosen, session.cameras, chosen.map, partial(_save, session))
-    finally:
-        session.close()
+    with tells_what_is_kept(chosen.map):
+        session = Session(chosen.map, config, sources=sources, describe=open_model(config))
+        for line in session.ignored:
+            warn(line)
+        with closing(session):
+            session.warm_up()
+            summary = replay_chosen(chosen, session.cameras, chosen.map, partial(_save, session))
     if chosen.json:
         about = {'output': str(chosen.output), 'added': session.added, 'slow': session.slow}
         print(json.dumps(about | summary))

@@ -69,6 +69,8 @@ def images_of(source: Source) -> Iterator[Cue]:
         if frame.gray is not None:
             image = image_message(frame.gray, Header(stamp=stamp_from_ns(frame.stamp_ns)))
             yield Cue(frame.stamp_ns, _IMAGE, image)
+        elif frame.problem not in source.warnings:
+            source.warnings.append(frame.problem)
 
 
 def cues_of(source: Source, start_s: float, sides: dict[str, TopicMessages]) -> Iterator[Cue]:

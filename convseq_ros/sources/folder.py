@@ -37,10 +37,17 @@ def pictures_in(path: Path) -> list[Path]:
     return sorted(pictures, key=natural_key)
 
 
+def unreadable(picture: Path, error: ImageError | OSError) -> str:
+    """Return in one line why a picture cannot be used, and what to do."""
+    reason = error.strerror if isinstance(error, OSError) else error
+    return f'{picture}: not a readable picture ({reason}); restore it or remove it'
+
+
 class ImageFolder:
     """
-    The pictures of a folder, in natural order of their names; SourceError if one is unreadable.
+    The pictures of a folder, in natural order of their names.
 
+    The frame of a picture that cannot be read has a `problem` and no image.
     Frames are stamped by their names if every name is a whole number of 16 digits or more
     (nanoseconds, as EuRoC and TUM-VI name them), else 0.1 s apart (0 would be no stamp to ROS).
     """
@@ -69,15 +76,10 @@ class ImageFolder:
         for stamp_ns, picture in zip(_stamps_ns(self._pictures), self._pictures, strict=True):
             try:
                 pixels = read_picture(picture, self._reading)
-            except OSError as error:
-                raise SourceError(
-                    f'{picture}: {error.strerror}; restore it or remove it from the folder'
-                ) from None
-            except ImageError as error:
-                raise SourceError(
-                    f'{picture}: not a readable picture ({error}); '
-                    'restore it or remove it from the folder'
-                ) from None
+            except (ImageError, OSError) as error:
+                problem = unreadable(picture, error)
+                yield Frame(stamp_ns, None, picture.name, problem=problem)
+                continue
             gray, color = gray_and_color(pixels, self._reading)
             yield Frame(stamp_ns, gray, picture.name, color=color)
 

@@ -129,11 +129,14 @@ def test_without_a_command_all_of_them_are_listed(capsys):
     assert all(f'\n  {command} ' in told for command in COMMANDS)
 
 
-def test_a_picture_that_is_none_is_one_line_and_keeps_what_was_added(capsys, tmp_path):
+def test_a_picture_that_is_none_is_one_line_and_counted(capsys, tmp_path):
     folder = written(tmp_path / 'drive', map(scene, range(3)))
-    (folder / '9999.jpg').write_text('no picture')
-    assert '9999.jpg' in refused(capsys, 'build-map', folder, tmp_path / 'map.db')
-    assert len(open_map(tmp_path / 'map.db')) == 3
+    (folder / '001.png').write_text('no picture')
+    assert main(['build-map', str(folder), str(tmp_path / 'map.db'), '--json']) == 0
+    told = capsys.readouterr()
+    assert told.err.startswith(f'warning: {folder / "001.png"}: not a readable picture')
+    built = json.loads(told.out)
+    assert (built['frames'], built['added'], built['unreadable']) == (3, 2, 1)
 
 
 @pytest.mark.parametrize(
@@ -165,10 +168,10 @@ def limited(arguments, size):
 def test_no_space_left_for_a_map_is_one_line_and_keeps_what_was_committed(drive, tmp_path):
     path = tmp_path / 'map.db'
     done = limited(['build-map', drive, path], 200_000)
-    assert done.returncode == 1 and done.stderr.count('\n') == 1, done.stderr
-    assert 'map.db: cannot write' in done.stderr
+    *kept, error = done.stderr.splitlines()
+    assert done.returncode == 1 and 'map.db: cannot write' in error, done.stderr
     if path.exists():
-        open_map(path)
+        assert f'keeps the places of this run ({len(open_map(path))});' in kept[0]
 
 
 def test_no_space_left_for_results_is_one_line_and_keeps_the_rows(drive, map_path, tmp_path):

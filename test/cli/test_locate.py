@@ -82,6 +82,15 @@ def test_what_is_not_recognised_is_an_answer(place_map, tmp_path, capsys):
     )
 
 
+def test_an_unreadable_image_among_others_is_warned_about(place_map, images, tmp_path, capsys):
+    (tmp_path / 'text.png').write_text('no picture')
+    asked = [str(tmp_path / 'text.png'), *images(3, 4)]
+    assert main(['locate', *asked, '--map', str(place_map[0]), *SETTINGS]) == 0
+    told = capsys.readouterr()
+    assert told.out.startswith('localised: place 4')
+    assert told.err.startswith(f'warning: {tmp_path / "text.png"}: not a readable picture (')
+
+
 @pytest.mark.parametrize(
     ('image', 'map_name', 'said'),
     [

@@ -3,10 +3,11 @@
 """`convseq replay` of a drive against its own past, and of several cameras."""
 
 import json
+import shlex
 
 from convseq_ros.cli import main
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.io.results import read_results
+from convseq_ros.io.results import read_results, ResultWriter
 from convseq_ros.sources import open_source
 import numpy as np
 from pictures import picture, written
@@ -74,6 +75,48 @@ def test_preloaded_never_writes(two_rounds, tmp_path, replay):
     assert path.read_bytes() == before
     assert summary['added'] == 0
     assert sorted(tmp_path.iterdir()) == [path, tmp_path / 'result.csv', two_rounds]
+
+
+def test_a_damaged_picture_costs_only_its_own_frame(two_rounds, tmp_path, replay):
+    whole, rows = replay(two_rounds, tmp_path / 'whole.db', *ONLINE)
+    (two_rounds / '015.png').write_bytes(b'not a picture')
+    summary, after = replay(two_rounds, tmp_path / 'damaged.db', *ONLINE)
+    assert after[15]['reason'] == 'unreadable' and summary['reasons']['unreadable'] == 1
+    assert [one['reason'] for one in after[:15]] == [one['reason'] for one in rows[:15]]
+    assert summary['added'] == whole['added'] - 1 and after[19]['reason'] == 'accepted'
+
+
+def test_a_run_that_fails_tells_what_the_map_keeps_and_how_to_remove_it(
+    two_rounds, tmp_path, replay, monkeypatch, capsys
+):
+    path = tmp_path / 'map.db'
+    for remedy in ('delete it', 'convseq map remove '):
+        with monkeypatch.context() as patch:
+            patch.setattr(ResultWriter, 'write', fails_at(9))
+            code, told = replay(two_rounds, path, *ONLINE)
+        warning, error = told.splitlines()
+        assert code == 1 and 'disk full' in error
+        assert f'{path}: keeps the places of this run (9); to take them out: {remedy}' in warning
+        if remedy == 'delete it':
+            path.unlink()
+            replay(two_rounds, path, *ONLINE)
+            before = open_map(path)
+    words = shlex.split(warning.split('to take them out: convseq ')[1])
+    assert main(words) == 0
+    after = open_map(path)
+    assert [*after.places] == [*before.places]
+    assert [one.id for one in after.sessions] == [one.id for one in before.sessions]
+
+
+def fails_at(last):
+    """Return what writes rows until the disk is full."""
+    left = iter(range(last - 1))
+
+    def write(*_):
+        if next(left, None) is None:
+            raise OSError(28, 'disk full', 'result.csv.part')
+
+    return write
 
 
 def test_a_map_that_cannot_be_made_is_one_line_and_exit_1(two_rounds, tmp_path, replay):

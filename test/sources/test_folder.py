@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Folders of pictures: order, stamps, and what can be wrong with them."""
 
+import re
+
 from convseq_ros.errors import SourceError
 from convseq_ros.sources import open_source
 from convseq_ros.sources.folder import ImageFolder
@@ -48,16 +50,17 @@ def test_other_files_hidden_files_and_folders_are_left_out(tmp_path):
 
 
 @pytest.mark.parametrize('content', [b'', b'not a picture', b'\xff\xd8\xff\xe0 cut'])
-def test_an_unreadable_picture_is_named_and_frames_before_it_are_kept(tmp_path, content):
+def test_an_unreadable_picture_is_a_frame_that_says_why(tmp_path, content):
     draw(tmp_path / '1.png')
     (tmp_path / '2.jpg').write_bytes(content)
     draw(tmp_path / '3.png')
-    seen = []
-    with pytest.raises(SourceError, match=r'2\.jpg.*remove it') as caught:
-        for frame in ImageFolder(tmp_path):
-            seen.append(frame.source)
-    assert seen == ['1.png']
-    assert '\n' not in str(caught.value)
+    first, unreadable, last = ImageFolder(tmp_path)
+    assert [first.source, unreadable.source, last.source] == ['1.png', '2.jpg', '3.png']
+    assert unreadable.gray is None and unreadable.stamp_ns == 2 * 10**8
+    assert re.fullmatch(
+        r'.*/2\.jpg: not a readable picture \(.*\); restore it or remove it', unreadable.problem
+    )
+    assert first.gray is not None is not last.gray and not first.problem
 
 
 def test_missing_empty_and_pictureless_folders_are_errors(tmp_path):

@@ -109,13 +109,21 @@ class MapReader:
             counts['depths'] = self._database.number('SELECT count(*) FROM depths')
         return {**self._about, **counts}
 
+    def sessions(self) -> list[MapSession]:
+        """Return the sessions in order."""
+        with self._snapshot():
+            return self._sessions()
+
+    def _sessions(self) -> list[MapSession]:
+        rows = self._database.checked('sessions')
+        if [row[0] for row in rows] != [*range(len(rows))]:
+            raise ValueError('a session is missing')
+        return [MapSession.from_row(row[1:-1]) for row in rows]
+
     def reference_map(self) -> ReferenceMap:
         """Return the map; the numbers of its places and its links are read and checked now."""
         with self._snapshot():
-            rows = self._database.checked('sessions')
-            sessions = [MapSession.from_row(row[1:-1]) for row in rows]
-            if [row[0] for row in rows] != [*range(len(rows))]:
-                raise ValueError('a session is missing')
+            sessions = self._sessions()
             places = Places(vector_length(self.encoding), self._end())
             kept = 'depths', 'images WHERE jpeg IS NOT NULL'
             keeps_images = any(self._database.rows(f'SELECT 1 FROM {it} LIMIT 1') for it in kept)
