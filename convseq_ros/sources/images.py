@@ -24,7 +24,8 @@ import numpy.typing as npt
 Gray = npt.NDArray[np.uint8]
 Pixels = npt.NDArray[np.uint8]
 
-_READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+_READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+_BITS = (8, 10, 12, 14, 16)  # of a pixel, by a camera's converter
 _MEGA = 1_000_000
 _PIXEL_BYTES = 8  # largest pixel of a large picture: four numbers of 16 bits
 _JPEG_START, _JPEG_SCAN, _JPEG_END = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
@@ -72,8 +73,16 @@ def image_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixe
         return _uint8(cv2.cvtColor(pixels, encoding.to_bgr))
     if encoding.bytes_per_pixel == 3:
         return pixels
-    high_byte = 0 if encoding.bytes_per_pixel == 1 or message.is_bigendian else 1
-    return pixels[:, :, high_byte].copy()
+    if encoding.bytes_per_pixel == 1:
+        return pixels[:, :, 0].copy()
+    return of_16_bits(pixels.view('>u2' if message.is_bigendian else '<u2')[:, :, 0])
+
+
+def of_16_bits(values: npt.NDArray[np.uint16]) -> Pixels:
+    """Return an image of 8 bits from one of which 8, 10, 12, 14 or all 16 bits are in use."""
+    largest = int(values.max(initial=0))
+    in_use = next(bits for bits in _BITS if not largest >> bits)
+    return (values >> (in_use - 8)).astype(np.uint8)
 
 
 def pixels_of(message: Any, pixel_bytes: int, reading: ReadingConfig) -> Pixels:
@@ -115,7 +124,12 @@ def compressed_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) ->
 
 def picture_pixels(data: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """Return a decoded picture (H, W, 3), not rotated; ImageError if damaged or too large."""
-    return _uint8(decoded(data, _READ_FLAGS, reading))
+    pixels = decoded(data, _READ_FLAGS, reading)
+    if pixels.dtype == np.uint16:
+        return of_16_bits(pixels)
+    if pixels.dtype != np.uint8:
+        raise ImageError(f'data: a picture of {pixels.dtype} numbers; save it with 8 or 16 bits')
+    return pixels
 
 
 def decoded(data: Any, flags: int, reading: ReadingConfig) -> npt.NDArray[Any]:

@@ -87,10 +87,28 @@ def test_colour_encodings_agree_with_bgr(encoding, channels, padding):
 
 @pytest.mark.parametrize('padding', [0, 4])
 @pytest.mark.parametrize(('bigendian', 'dtype'), [(0, '<u2'), (1, '>u2')])
-def test_mono16_becomes_its_high_byte_in_either_byte_order(bigendian, dtype, padding):
-    values = noise(5, 6, dtype=np.uint16)
+@pytest.mark.parametrize('bits', [8, 10, 12, 14, 16])
+def test_mono16_is_scaled_by_the_bits_in_use_in_either_byte_order(bits, bigendian, dtype, padding):
+    values = np.linspace(0, 2**bits - 1, 30).astype(np.uint16).reshape(5, 6)
     decoded = gray_of(image_pixels(message(values.astype(dtype), 'mono16', bigendian, padding)))
-    np.testing.assert_array_equal(decoded, values >> 8)
+    np.testing.assert_array_equal(decoded, values >> (bits - 8))
+
+
+@pytest.mark.parametrize('kind', ['pgm', 'png', 'tiff'])
+@pytest.mark.parametrize('bits', [10, 12, 16])
+def test_a_picture_of_16_bits_is_scaled_as_a_message_is(kind, bits):
+    values = np.linspace(0, 2**bits - 1, 30).astype(np.uint16).reshape(5, 6)
+    if kind == 'pgm':
+        data = b'P5 6 5 %d\n' % (2**bits - 1) + values.astype('>u2').tobytes()
+    else:
+        data = cv2.imencode(f'.{kind}', values)[1].tobytes()
+    np.testing.assert_array_equal(picture_pixels(data)[:, :, 0], values >> (bits - 8))
+
+
+def test_a_picture_of_real_numbers_is_refused():
+    data = cv2.imencode('.tiff', np.ones((5, 6, 3), np.float32))[1]
+    with pytest.raises(ImageError, match='a picture of float32 numbers; save it with 8 or 16'):
+        picture_pixels(data)
 
 
 @pytest.mark.parametrize('name', MOSAICS)
