@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 import re
+import shutil
 import sqlite3
 import struct
+from tempfile import TemporaryDirectory
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import SourceError
@@ -52,7 +54,7 @@ def messages(path: Path, reading: ReadingConfig, topic: str) -> Iterator[RawMess
 @contextmanager
 def _opened(path: Path, reading: ReadingConfig) -> Iterator[sqlite3.Connection]:
     """Open a file read-only; refuse computed tables, and more content than its size allows."""
-    with inflated_file(path, reading) as plain:
+    with inflated_file(path, reading) as inflated, _with_log(inflated) as plain:
         size = _checked_size(plain)
         uri = f'{plain.absolute().as_uri()}?immutable=1'
         with closing(sqlite3.connect(uri, uri=True)) as database:
@@ -75,20 +77,44 @@ def _opened(path: Path, reading: ReadingConfig) -> Iterator[sqlite3.Connection]:
             yield database
 
 
+@contextmanager
+def _with_log(path: Path) -> Iterator[Path]:
+    """Yield a file; if a recorder was killed, a copy that has the messages of its -wal file."""
+    log = path.with_name(f'{path.name}-wal')
+    if not log.is_file() or not log.stat().st_size:
+        yield path
+        return
+    is_cut = path.stat().st_size < _declared_size(path)
+    with TemporaryDirectory(prefix='convseq_') as folder:
+        copy = Path(folder, 'recording.db3')
+        shutil.copyfile(path, copy)
+        shutil.copyfile(log, f'{copy}-wal')
+        with closing(sqlite3.connect(copy)) as database:
+            database.execute('PRAGMA wal_checkpoint(TRUNCATE)')
+            # The log may hold what the file lacks; what neither has, SQLite reads as zeros.
+            if is_cut and database.execute('PRAGMA quick_check(1)').fetchone() != ('ok',):
+                raise SourceError('cut short, and its -wal file does not hold the rest')
+        yield copy
+
+
 def _checked_size(path: Path) -> int:
     """Return a database's size in bytes; SourceError if cut: SQLite would read zeros."""
-    with path.open('rb') as file:
-        head = file.read(_HEAD.size)
-    size = path.stat().st_size
-    if len(head) < _HEAD.size:
-        raise SourceError(f'{size} bytes are not a recording')
-    magic, page_bytes, pages = _HEAD.unpack(head)
-    if magic != _MAGIC:
-        raise SourceError('not an SQLite file')
-    expected = (65536 if page_bytes == 1 else page_bytes) * pages
+    size, expected = path.stat().st_size, _declared_size(path)
     if size < expected:
         raise SourceError(f'cut short, {size} of {expected} bytes are there')
     return size
+
+
+def _declared_size(path: Path) -> int:
+    """Return the size in bytes that a database's head tells; SourceError if it is none."""
+    with path.open('rb') as file:
+        head = file.read(_HEAD.size)
+    if len(head) < _HEAD.size:
+        raise SourceError(f'{path.stat().st_size} bytes are not a recording')
+    magic, page_bytes, pages = _HEAD.unpack(head)
+    if magic != _MAGIC:
+        raise SourceError('not an SQLite file')
+    return int((65536 if page_bytes == 1 else page_bytes) * pages)
 
 
 def _refuse_computed(database: sqlite3.Connection) -> None:
