@@ -45,7 +45,7 @@ def one_line(error: BaseException, limit: int = 200) -> str:
 def with_traceback(error: Exception) -> str:
     """Return an error's message, with the traceback if the error is not an expected one."""
     if isinstance(error, ConvseqError | OSError):
-        return str(error)
+        return one_line(error)
     return ''.join(traceback.format_exception(error))
 
 

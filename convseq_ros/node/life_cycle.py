@@ -10,6 +10,7 @@ from convseq_ros.errors import ConvseqError
 from convseq_ros.node.listener import ListeningNode
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 
+PATIENCE_S = 30.0  # for the frame at hand, when the files are to be closed
 _DONE, _REFUSED = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
@@ -34,8 +35,8 @@ class ManagedNode(LifecycleNodeMixin, ListeningNode):
     def pause(self) -> None:
         """Receive no more images, and keep the state."""
 
-    def close_work(self) -> None:
-        """Finish the work at hand and close the files."""
+    def close_work(self, patience_s: float = PATIENCE_S) -> None:
+        """Close the files after the frame at hand, for which this waits at most `patience_s`."""
 
     def manage(self) -> None:
         """Offer `~/change_state` and the other services of a managed node."""

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from functools import partial
 import threading
 from typing import Any, cast
 
@@ -15,6 +16,7 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
 from rclpy.subscription import Subscription
+from rosgraph_msgs.msg import Clock
 
 _WAIT_NS = 200_000_000
 _END_S = 1.0
@@ -118,6 +120,21 @@ class ListeningNode(Node):
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.listener = Listener(self)
+
+    def create_subscription(
+        self, kind: type, topic: str, callback: Callable[..., None], *args: Any, **kwargs: Any
+    ) -> Subscription:
+        # rclpy's time source raises an error at a time below zero.
+        if kind is Clock:
+            callback = partial(self._on_clock, callback)
+        return super().create_subscription(kind, topic, callback, *args, **kwargs)
+
+    def _on_clock(self, set_time: Callable[[Clock], None], message: Clock) -> None:
+        if message.clock.sec >= 0:
+            set_time(message)
+            return
+        line = f'/clock: a time of {message.clock.sec} s is left out; it may not be below 0'
+        self.get_logger().warning(line, once=True)
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
         self.listener.discard(subscription)

@@ -79,7 +79,11 @@ class MapServices:
                 raise MapError('map_url is empty; give the path of a map')
             session = await self._background.result_of(partial(self._open, Path(path)))
             swap = partial(self._recognition.swap, session)
-            await self._background.result_of(partial(self._between_frames, swap))
+            try:
+                await self._background.result_of(partial(self._between_frames, swap))
+            except BaseException:
+                session.close()
+                raise
         except Exception as error:
             self._logger.error(f'load_map: {with_traceback(error)}')
             # Unlike Path.is_file, this never raises.
@@ -145,13 +149,10 @@ class MapServices:
         self._worker.between_items(partial(fulfil, future, work))
         deadline_s = time.monotonic() + _ANSWER_S
         while not future.done():
-            if self._worker.is_stopping:
+            if self._worker.is_stopping and future.cancel():
                 raise MapError('the node is ending')
-            if time.monotonic() > deadline_s:
-                raise MapError(
-                    f'the frame at hand takes more than {_ANSWER_S:g} s; the map is exchanged '
-                    'after it'
-                )
+            if time.monotonic() > deadline_s and future.cancel():
+                raise MapError(f'the frame at hand takes more than {_ANSWER_S:g} s; try again')
             wait([future], _POLL_S)
         return future.result()
 

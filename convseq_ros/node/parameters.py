@@ -21,7 +21,8 @@ from rclpy.parameter import Parameter as RosParameter
 
 KNOWN = {item.name: item for item in (*core_parameters(), *parameters(NodeConfig))}
 _CORE = frozenset(item.name for item in core_parameters())
-_OF_ROS = ('use_sim_time', 'start_type_description_service')
+_CLOCK = 'use_sim_time'
+_OF_ROS = (_CLOCK, 'start_type_description_service')
 _OF_ROS_PREFIX = 'qos_overrides.'
 _INT64_MAX = 2**63 - 1
 
@@ -45,6 +46,11 @@ def declare(node: Node, on_change: Listener) -> tuple[Config, NodeConfig]:
         node.declare_parameter(name, value, descriptor(KNOWN[name]), ignore_override=True)
 
     def check(changes: Sequence[RosParameter]) -> SetParametersResult:
+        for item in changes:
+            # With another clock, stamps and the times of a growing map would jump.
+            if item.name == _CLOCK and item.value != node.get_parameter(_CLOCK).value:
+                reason = f'{_CLOCK} may only be set at the start: -p {_CLOCK}:=true'
+                return SetParametersResult(successful=False, reason=reason)
         ours = {item.name: item.value for item in changes if item.name in KNOWN}
         try:
             _configs(_current(node) | ours)

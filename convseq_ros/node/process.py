@@ -112,14 +112,19 @@ def fast_dds(profile: str) -> dict[str, str]:
 
 
 def check_logs() -> None:
-    """Make ROS log to a temporary folder, with a warning, if it cannot write to its own."""
+    """Make ROS log to a temporary folder, with a warning, if it has no folder that it can write to."""
     if 'ROS_LOG_DIR' in os.environ:
         return
-    folder = Path(os.environ.get('ROS_HOME') or os.path.expanduser('~/.ros'), 'log')
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
-        os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='ros_log_')
-        line = f'{folder}: {error.strerror}; ROS logs to {os.environ["ROS_LOG_DIR"]}'
-        print(f'warning: {line}', file=sys.stderr)
+    home, folder = os.environ.get('HOME'), os.environ.get('ROS_HOME')
+    if not (home or folder):
+        problem = 'HOME is not set'
+    else:
+        logs = Path(folder or f'{home}/.ros', 'log')
+        try:
+            logs.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=logs).close()
+            return
+        except OSError as error:
+            problem = f'{logs}: {error.strerror}'
+    os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='ros_log_')
+    print(f'warning: {problem}; ROS logs to {os.environ["ROS_LOG_DIR"]}', file=sys.stderr)

@@ -9,7 +9,7 @@ import os
 import sys
 import threading
 
-from convseq_ros.errors import ConvseqError, one_line
+from convseq_ros.errors import ConvseqError, one_line, with_traceback
 from convseq_ros.node.process import (
     check_logs,
     end_on_signal,
@@ -26,6 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 
 _SPIN_S = 0.2
+_LOG_PERIOD_S = 5.0
 _M_MMAP_THRESHOLD = -3  # malloc.h of glibc: larger blocks are mapped, and unmapped when freed
 _MAPPED_BYTES = 1 << 22  # smaller images are faster if their memory is reused
 _M_TRIM_THRESHOLD = -1  # malloc.h of glibc: free memory that the heap keeps at its end
@@ -60,14 +61,23 @@ def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = Non
 
 
 def spin(node: Node) -> Iterator[None]:
-    """Serve a node until a signal comes or ROS is shut down; yield after every turn."""
+    """
+    Serve a node until a signal comes or ROS is shut down; yield after every turn.
+
+    The error of a callback is logged: no message ends the node.
+    """
     ending = threading.Event()
     hand_over(ending.set)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     # A signal does not wake the executor, so it returns now and then.
     while ok() and not ending.is_set():
-        executor.spin_once(timeout_sec=_SPIN_S)
+        try:
+            executor.spin_once(timeout_sec=_SPIN_S)
+        except Exception as error:
+            if ok():
+                logger = node.get_logger()
+                logger.error(with_traceback(error), throttle_duration_sec=_LOG_PERIOD_S)
         yield
 
 

@@ -24,7 +24,7 @@ from convseq_ros.models.onnx_model import open_model
 from convseq_ros.node.cameras import image_subscriptions, QUEUE_BYTES, TopicFinder
 from convseq_ros.node.diagnostics import Diagnostics, ProgressLog, Situation, Statistics
 from convseq_ros.node.frame_context import FrameContext
-from convseq_ros.node.life_cycle import ManagedNode
+from convseq_ros.node.life_cycle import ManagedNode, PATIENCE_S
 from convseq_ros.node.localization import LocalizationTopics
 from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.parameters import declare
@@ -36,7 +36,7 @@ from convseq_ros.node.worker import Worker
 from convseq_ros.sources.raw_message import RawMessage
 from std_srvs.srv import SetBool, Trigger
 
-_STOP_TIMEOUT_S = 1.0
+_STOP_TIMEOUT_S = 1.0  # when the process ends
 _MAPS_TIMEOUT_S = 2.0
 
 
@@ -66,7 +66,7 @@ class VprNode(ManagedNode):
                 self.manage()
             else:
                 self.open_work()
-        except (ConvseqError, OSError):
+        except BaseException:
             super().destroy_node()
             raise
 
@@ -110,6 +110,7 @@ class VprNode(ManagedNode):
             config.max_wait_s,
             QUEUE_BYTES,
             self._recognition.together,
+            self._recognition.close,
         )
         self._maps = MapServices(
             self, self._worker, self._recognition, lambda: self._config, config.save_map_path
@@ -144,16 +145,14 @@ class VprNode(ManagedNode):
             images.stop()
         self.get_logger().info('not listening')
 
-    def close_work(self) -> None:
+    def close_work(self, patience_s: float = PATIENCE_S) -> None:
         if not self._is_open:
             return
         self._is_open = self._listening = False
         for images in self._images:
             images.stop()
         self._localization.give_up()
-        if self._worker.stop(_STOP_TIMEOUT_S if self._ready else 0.0):
-            self._recognition.close()
-        elif self._ready:
+        if not self._worker.stop(patience_s) and self._ready:
             self.get_logger().warning('stopped in the middle of a frame')
         self._progress.finish()
         if not self._maps.finish(_MAPS_TIMEOUT_S):
@@ -164,7 +163,7 @@ class VprNode(ManagedNode):
         self._ready = False
 
     def destroy_node(self) -> None:
-        self.close_work()
+        self.close_work(_STOP_TIMEOUT_S if self._ready else 0.0)
         super().destroy_node()
 
     def _warm_up(self) -> None:
@@ -196,8 +195,8 @@ class VprNode(ManagedNode):
         self._images[0].move(topics['image'])
 
     def _on_warm(self) -> None:
-        self._ready = True
-        if not (self._listening or self._is_managed):
+        self._ready = self._is_open
+        if self._is_open and not (self._listening or self._is_managed):
             self.listen()
 
     def _publish(

@@ -22,7 +22,8 @@ class Worker(Generic[Item]):
     The thread calls `handle` with up to `together()` waiting items; it must not raise. At most
     `queue_size` items wait, with `queue_bytes` in total (a single item may be larger). An item
     is dropped once it has waited for `max_wait_s` seconds and another waits behind it; 0: never.
-    `drops` counts dropped items by cause: queue_size, memory, max_wait_s.
+    `drops` counts dropped items by cause: queue_size, memory, max_wait_s. The thread calls
+    `at_end` last, after the item at hand, however long that takes.
     """
 
     def __init__(
@@ -32,6 +33,7 @@ class Worker(Generic[Item]):
         max_wait_s: float = 0.0,
         queue_bytes: float = math.inf,
         together: Callable[[], int] = lambda: 1,
+        at_end: Action = lambda: None,
     ) -> None:
         self.drops: Counter[str] = Counter()
         self._handle = handle
@@ -39,11 +41,13 @@ class Worker(Generic[Item]):
         self._max_wait_ns = round(max_wait_s * 1e9)
         self._most_bytes = queue_bytes
         self._together = together
+        self._at_end = at_end
         self._bytes = 0
         self._items: deque[tuple[int, int, Item]] = deque()
         self._actions: deque[Action] = deque()
         self.is_stopping = False  # whether no further item is handled
         self._changed = threading.Condition()
+        self._is_idle = threading.Event()  # from the last item on
         self._thread = threading.Thread(target=self._run, name='worker', daemon=True)
 
     def start(self) -> None:
@@ -74,19 +78,23 @@ class Worker(Generic[Item]):
         return len(self._items)
 
     def stop(self, timeout_s: float) -> bool:
-        """Finish the current item and end the thread; return False if that takes longer."""
+        """Finish the current item and end the thread; return False if the item takes longer."""
         with self._changed:
             self.is_stopping = True
             self._changed.notify()
-        if self._thread.ident is not None:
-            self._thread.join(timeout_s)
-        return not self._thread.is_alive()
+        if self._thread.ident is None:
+            return True
+        if is_idle := self._is_idle.wait(timeout_s):
+            self._thread.join()
+        return is_idle
 
     def _run(self) -> None:
         while (job := self._next_job()) is not None:
             job()
             # Otherwise it would keep its item, perhaps a large one, until the next arrives.
             del job
+        self._is_idle.set()
+        self._at_end()
 
     def _next_job(self) -> Action | None:
         with self._changed:
@@ -152,7 +160,9 @@ class Background:
 
 
 def fulfil(future: Future[Result], work: Callable[[], Result]) -> None:
-    """Do some work, and set its result or its error in a future."""
+    """Do some work, and set its result or its error in a future; not if that is cancelled."""
+    if not future.set_running_or_notify_cancel():
+        return
     try:
         future.set_result(work())
     except BaseException as error:

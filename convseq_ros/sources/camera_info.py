@@ -14,6 +14,8 @@ from convseq_ros.errors import ConfigError, one_line, SourceError
 from convseq_ros.io.files import read_text, read_yaml
 
 _PROJECTION = 12  # numbers of a 3 x 4 matrix
+# Focal lengths, and distances of the centre, in sides of the image: no lens is beyond.
+_SHORTEST, _LONGEST = 1e-3, 1e6
 
 
 def read_camera_file(
@@ -86,19 +88,25 @@ def camera_from_info(message: Any) -> Camera | None:
     width, height = int(message.width), int(message.height)
     if not any((fx, fy, cx, cy)):
         return None
-    if not (all(map(math.isfinite, (fx, fy, cx, cy))) and min(fx, fy, width, height) > 0):
-        raise SourceError(
-            f'camera_info: focal lengths {fx:g}, {fy:g} and size {width} x {height} px are not '
-            'those of a camera; calibrate it, or set K to zero'
-        )
+    impossible = SourceError(
+        f'camera_info: focal lengths {fx:g}, {fy:g} and size {width} x {height} px are not '
+        'those of a camera; calibrate it, or set K to zero'
+    )
+    if min(width, height) <= 0:
+        raise impossible
     model, distortion = ('', ()) if not any(k) else _distortion(message)
     part = message.roi
     if part.width and part.height:
         width, height = int(part.width), int(part.height)
         cx, cy = cx - part.x_offset, cy - part.y_offset
     across, down = message.binning_x or 1, message.binning_y or 1
-    size = max(1, width // across), max(1, height // down)
-    return Camera(*size, fx / across, fy / down, cx / across, cy / down, model, distortion)
+    width, height = max(1, width // across), max(1, height // down)
+    fx, fy, cx, cy = fx / across, fy / down, cx / across, cy / down
+    focal, centre = (fx / width, fy / height), (abs(cx) / width, abs(cy) / height)
+    # Also false for NaN.
+    if not all([*(_SHORTEST <= f <= _LONGEST for f in focal), *(c <= _LONGEST for c in centre)]):
+        raise impossible
+    return Camera(width, height, fx, fy, cx, cy, model, distortion)
 
 
 def _distortion(message: Any) -> tuple[str, tuple[float, ...]]:

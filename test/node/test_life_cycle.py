@@ -5,9 +5,11 @@
 import os
 import threading
 
+from convseq_ros.core.session import Session
 from convseq_ros.node import vpr_node
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from programs import wait_for
 import pytest
 from rclpy.context import Context
 from sensor_msgs.msg import Image
@@ -91,6 +93,24 @@ def test_cleanup_lets_go_of_files_and_of_the_graph_and_all_begins_anew(
         client.wait_for(lambda before=before: services_of(client) == before)
         client.node.destroy_publisher(camera)
     assert 'worker' not in {thread.name for thread in threading.enumerate()}
+
+
+def test_cleanup_in_the_midst_of_warming_up_lets_go_of_the_map(
+    client, managed, tmp_path, monkeypatch
+):
+    warming = threading.Event()
+    node, change, state = managed(map_path=tmp_path / 'map.db', mode='online')
+
+    def warm_up(_session):
+        warming.set()
+        wait_for(lambda: node._worker.is_stopping)
+
+    monkeypatch.setattr(Session, 'warm_up', warm_up)
+    for _ in range(2):
+        warming.clear()
+        assert change(CONFIGURE) and warming.wait(60)
+        assert change(CLEANUP) and state() == UNCONFIGURED
+        assert [each.name for each in tmp_path.iterdir()] == ['map.db']
 
 
 def test_a_map_that_cannot_be_opened_refuses_to_be_configured(client, managed, tmp_path):

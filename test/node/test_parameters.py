@@ -135,6 +135,19 @@ def test_a_wrong_setting_is_refused_with_its_reason(declared, name, value, reaso
     assert not node.changes
 
 
+def test_the_clock_cannot_be_exchanged_while_the_node_runs(declared):
+    node = declared()
+    assert set_one(node, 'use_sim_time', False).successful
+    result = set_one(node, 'use_sim_time', True)
+    assert not result.successful
+    assert result.reason == 'use_sim_time may only be set at the start: -p use_sim_time:=true'
+    assert not client_of_clock(node)
+
+
+def client_of_clock(node):
+    return [each for each in node.subscriptions if each.topic_name == '/clock']
+
+
 def test_no_parameter_can_be_deleted(declared):
     node = declared()
     assert not node.set_parameters([Parameter('min_margin')])[0].successful

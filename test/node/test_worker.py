@@ -71,6 +71,16 @@ def test_the_oldest_items_are_dropped_and_counted(busy, gate):
     assert worker.stop(LIMIT_S)
 
 
+def test_it_ends_with_the_last_action_after_the_item_at_hand_also_if_nobody_waits(busy, gate):
+    ended = threading.Event()
+    worker, handled = busy(3, at_end=ended.set)
+    worker.put(1)
+    assert not worker.stop(0.0) and not ended.is_set()
+    gate.set()
+    assert ended.wait(LIMIT_S)
+    assert handled == [0]
+
+
 @pytest.fixture
 def clock(monkeypatch):
     """Return a clock for the worker that the test sets, in milliseconds."""

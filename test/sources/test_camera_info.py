@@ -45,6 +45,9 @@ def test_k_is_taken_and_p_where_it_is_zero():
         {'k': (-500.0, *K[1:])},
         {'k': (float('nan'), *K[1:])},
         {'k': (0.0, *K[1:])},
+        {'k': (5e-324, *K[1:])},  # the smallest number above zero: 1 / fx is infinite
+        {'k': (*K[:5], 1e300, *K[6:])},
+        {'binning': (2**32 - 1, 1)},
         {'size': (0, 480)},
     ],
 )
