@@ -3,8 +3,12 @@
 """The parameters of the ROS node that do not affect a match; written once, as in `config`."""
 
 from dataclasses import dataclass
+import re
 
 from convseq_ros.config.parameter import Checked, parameter
+from convseq_ros.errors import ConfigError
+
+_TOPIC = re.compile(r'(~/|/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 
 
 # A table of parameters reads better in few lines.
@@ -69,3 +73,13 @@ class NodeConfig(Checked):
     diagnostics_period_s: float = parameter(
         1.0, 'Time between two messages on /diagnostics.', unit='s', low=0.1, high=60.0,
     )
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        topics = [('image_topics', topic) for topic in self.image_topics.split()]
+        for name, topic in (*topics, ('depth_topic', self.depth_topic)):
+            if topic and not _TOPIC.fullmatch(topic):
+                raise ConfigError(
+                    f'{name}: {topic!r} is no name of a topic; give one such as /camera/image_raw'
+                )

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from itertools import chain
 from typing import Any
 
-from convseq_ros.errors import ConvseqError
+from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.node.listener import ListeningNode
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 
@@ -52,7 +52,7 @@ class ManagedNode(LifecycleNodeMixin, ListeningNode):
         try:
             self.open_work()
         except (ConvseqError, OSError) as error:
-            self.get_logger().error(str(error))
+            self.get_logger().error(one_line(error))
             self._destroy_new()
             return _REFUSED
         return _DONE

@@ -122,12 +122,12 @@ class ListeningNode(Node):
         self.listener = Listener(self)
 
     def create_subscription(
-        self, kind: type, topic: str, callback: Callable[..., None], *args: Any, **kwargs: Any
+        self, msg_type: Any, topic: str, callback: Callable[..., None], *args: Any, **kwargs: Any
     ) -> Subscription:
         # rclpy's time source raises an error at a time below zero.
-        if kind is Clock:
+        if msg_type is Clock:
             callback = partial(self._on_clock, callback)
-        return super().create_subscription(kind, topic, callback, *args, **kwargs)
+        return super().create_subscription(msg_type, topic, callback, *args, **kwargs)
 
     def _on_clock(self, set_time: Callable[[Clock], None], message: Clock) -> None:
         if message.clock.sec >= 0:

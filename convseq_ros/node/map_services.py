@@ -15,7 +15,7 @@ from convseq_ros.config import Config
 from convseq_ros.core.map.format import is_map_or_empty
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
-from convseq_ros.errors import MapError, with_traceback
+from convseq_ros.errors import MapError, one_line, with_traceback
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.topics import SERVICE_QOS
@@ -120,7 +120,7 @@ class MapServices:
         try:
             response.message = await self._background.result_of(self._save)
         except Exception as error:
-            response.success, response.message = False, str(error)
+            response.success, response.message = False, one_line(error)
             self._logger.error(f'save_map: {with_traceback(error)}')
             return response
         response.success = True

@@ -112,7 +112,7 @@ def fast_dds(profile: str) -> dict[str, str]:
 
 
 def check_logs() -> None:
-    """Make ROS log to a temporary folder, with a warning, if it has no folder that it can write to."""
+    """Make ROS log to a temporary folder, with a warning, if it has no writable one."""
     if 'ROS_LOG_DIR' in os.environ:
         return
     home, folder = os.environ.get('HOME'), os.environ.get('ROS_HOME')

@@ -15,7 +15,14 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
-from convseq_ros.errors import ConfigError, ConvseqError, ImageError, ModelError, with_traceback
+from convseq_ros.errors import (
+    ConfigError,
+    ConvseqError,
+    ImageError,
+    ModelError,
+    one_line,
+    with_traceback,
+)
 from convseq_ros.io.results import ResultWriter
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.frame_context import FrameContext
@@ -196,7 +203,7 @@ class Recognition:
             self.session.close()
         except (ConvseqError, OSError) as error:
             self.statistics.write_failures += 1
-            self.logger.error(str(error))
+            self.logger.error(one_line(error))
 
     def _read(self, arrival: Arrival) -> tuple[Frame, float]:
         """Return a frame with its pose and depth, and the milliseconds that decoding took."""
@@ -243,7 +250,7 @@ class Recognition:
             self.session.save()
         except (ConvseqError, OSError) as error:
             self.statistics.write_failures += 1
-            self.logger.error(str(error), throttle_duration_sec=_LOG_PERIOD_S)
+            self.logger.error(one_line(error), throttle_duration_sec=_LOG_PERIOD_S)
 
     def _decode(self, arrival: Arrival) -> Frame:
         stamp_ns, topic = arrival.stamp_ns, arrival.topic
@@ -252,7 +259,7 @@ class Recognition:
             gray, color = gray_and_color(message_pixels(arrival.message, reading), reading)
         except ImageError as error:
             self.statistics.unreadable += 1
-            self.logger.warning(f'{topic}: {error}', throttle_duration_sec=_LOG_PERIOD_S)
+            self.logger.warning(f'{topic}: {one_line(error)}', throttle_duration_sec=_LOG_PERIOD_S)
             return Frame(stamp_ns, None, topic, problem=str(error))
         camera = self.context.camera_for(topic, *gray.shape)
         return Frame(stamp_ns, gray, topic, camera=camera, color=color)

@@ -19,7 +19,7 @@ from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
-from convseq_ros.errors import ConvseqError
+from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.node.cameras import image_subscriptions, QUEUE_BYTES, TopicFinder
 from convseq_ros.node.diagnostics import Diagnostics, ProgressLog, Situation, Statistics
@@ -173,7 +173,7 @@ class VprNode(ManagedNode):
         try:
             session.warm_up()
         except ConvseqError as error:
-            self.get_logger().error(str(error))
+            self.get_logger().error(one_line(error))
         gc.freeze()  # all objects so far stay: the collector need not visit them again
         took_s = time.monotonic() - start_s
         if session.slow:

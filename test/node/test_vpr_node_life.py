@@ -105,6 +105,7 @@ def test_a_second_signal_while_it_ends_changes_nothing(client, start, map_path):
         ({'map_path': 'missing.db'}, 'missing.db: no such map'),
         ({'min_margim': 0.1}, "unknown parameter 'min_margim'; did you mean min_margin?"),
         ({'result_file': 'missing/result.csv'}, 'No such file or directory'),
+        ({'map_path': 'two\nlines'}, 'two lines: no such map'),
     ],
 )
 def test_a_node_that_cannot_start_says_why_in_one_line(start, parameters, reason):
@@ -228,8 +229,15 @@ def test_the_memory_of_an_image_serves_the_next():
     assert int(done.stdout) < 675
 
 
-@pytest.mark.parametrize('module', ['vpr_node', 'player'])
-def test_a_home_that_is_read_only_stops_nothing(module, map_path, tmp_path):
+@pytest.mark.parametrize(
+    ('module', 'home', 'told'),
+    [
+        ('vpr_node', {'HOME': '/proc'}, 'warning: /proc/.ros/log: '),
+        ('player', {'HOME': '/proc'}, 'warning: /proc/.ros/log: '),
+        ('vpr_node', {}, 'warning: HOME is not set; ROS logs to '),
+    ],
+)
+def test_a_home_that_is_read_only_or_missing_stops_nothing(module, home, told, map_path, tmp_path):
     picture = tmp_path / 'pictures' / '0.png'
     picture.parent.mkdir()
     cv2.imwrite(str(picture), np.full((8, 8), 99, np.uint8))
@@ -237,8 +245,9 @@ def test_a_home_that_is_read_only_stops_nothing(module, map_path, tmp_path):
         'vpr_node': ['--ros-args', '-p', f'map_path:={map_path}'],
         'player': [str(picture.parent), '--rate', '1000', '--wait-subscribers', '0'],
     }[module]
-    given = {key: value for key, value in os.environ.items() if key != 'ROS_LOG_DIR'}
-    given |= {'HOME': '/proc', 'TMPDIR': str(tmp_path), 'PYTHONPATH': os.pathsep.join(sys.path)}
+    left_out = 'ROS_LOG_DIR', 'ROS_HOME', 'HOME'
+    given = {key: value for key, value in os.environ.items() if key not in left_out}
+    given |= {'TMPDIR': str(tmp_path), 'PYTHONPATH': os.pathsep.join(sys.path), **home}
     process = subprocess.Popen(
         [sys.executable, '-m', f'convseq_ros.node.{module}', *words],
         env=given,
@@ -246,8 +255,8 @@ def test_a_home_that_is_read_only_stops_nothing(module, map_path, tmp_path):
         text=True,
     )
     with process:
-        told = process.stderr.readline()
-        assert told.startswith('warning: /proc/.ros/log: ') and str(tmp_path) in told
+        line = process.stderr.readline()
+        assert line.startswith(told) and str(tmp_path) in line
         if module == 'vpr_node':
             while 'listening to' not in process.stderr.readline():
                 assert process.poll() is None
