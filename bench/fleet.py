@@ -21,8 +21,9 @@ from typing import Any
 
 from convseq_ros import Config, Frame
 from convseq_ros.cli.fleet import build_one
+from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.format import MapSession
-from convseq_ros.core.map.place import Picture, Places
+from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Status

@@ -25,7 +25,8 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import identity_of
 from convseq_ros.core.encoding.regions import global_descriptor, unit
 from convseq_ros.core.map.format import row_crc
-from convseq_ros.core.map.place import pack_cells, Picture, Place, thumbnail, unpack_cells
+from convseq_ros.core.map.image_coding import thumbnail
+from convseq_ros.core.map.place import pack_cells, Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.io.regular_file import complete_or_absent

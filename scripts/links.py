@@ -19,7 +19,7 @@ from convseq_ros import build_map, Frame
 from convseq_ros.config import make_config
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map_builder import MapBuilder
-from convseq_ros.core.session import Session
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Pose
 from convseq_ros.simulation.route import Corner, Route
 from convseq_ros.sources.folder import ImageFolder
@@ -126,7 +126,7 @@ def of_round(_data: Path) -> None:
         for number in range(ROUNDS):
             random_light = np.random.default_rng(number).choice(LIGHTS)
             light = LIGHTS[number] if number < len(LIGHTS) else str(random_light)
-            session, verdicts = Session(path, config), list[bool | None]()
+            session, verdicts = Pipeline(path, config), list[bool | None]()
             for frame, pose in driven(route, number, light):
                 true[frame.stamp_ns] = pose
                 match = session.recognizer.process(frame)

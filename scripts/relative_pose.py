@@ -25,9 +25,9 @@ import time
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.matcher import make_matcher
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.rigid import angle, inverse, matrix
+from convseq_ros.core.similarity.matcher import make_matcher
 from convseq_ros.core.types import Candidate, Descriptor, Frame
 from convseq_ros.simulation.street import Street
 from convseq_ros.sources.camera_info import read_camera_file

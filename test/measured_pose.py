@@ -8,9 +8,9 @@ import math
 from convseq_ros.config import Config
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.matcher import make_matcher
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.rigid import angle, inverse, matrix
+from convseq_ros.core.similarity.matcher import make_matcher
 from convseq_ros.core.types import Candidate, Pose
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.street import Street

@@ -18,7 +18,7 @@ import xml.etree.ElementTree as xml
 import convseq_ros
 from convseq_ros import build_map, Config, Frame, open_map, PlaceRecognizer
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.matcher import DescriptorMatcher, Features
+from convseq_ros.core.similarity.matcher import DescriptorMatcher, Features
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street

@@ -24,16 +24,17 @@ from convseq_ros.core.decision.belief import Belief, MotionModel
 from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.observation import OBSERVED, Observer
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
+from convseq_ros.core.decision.paper import query_buffer
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.frame_gate import FrameGate
+from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.sequence import query_buffer
-from convseq_ros.core.sequence.coarse_scores import CoarseScores, Track
+from convseq_ros.core.retrieval.coarse_scores import CoarseScores
+from convseq_ros.core.retrieval.track import Track
 from convseq_ros.core.similarity.coherent import COHERENT
 from convseq_ros.core.similarity.feature_cache import FeatureCache
+from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.types import Frame, Match
 import numpy as np
 

@@ -15,7 +15,7 @@ import sys
 import time
 
 from convseq_ros.config import Config
-from convseq_ros.core.session import Session
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Frame
 import numpy as np
 
@@ -68,9 +68,9 @@ def use(path: Path, queries: Path) -> dict[str, float]:
     """Open a map in this process, process every image once, and return time and memory."""
     images = np.load(queries, mmap_mode='r')  # only its head: what is mapped is resident
     _, height, width = images.shape
-    Session(None, Config()).warm_up()
+    Pipeline(None, Config()).warm_up()
     before_mb, start_s = resident_mb(), time.perf_counter()
-    session = Session(path, Config())
+    session = Pipeline(path, Config())
     open_s = time.perf_counter() - start_s
     session.warm_up()
     for number in range(len(images)):

@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import sys
 
-from convseq_ros.core import session
+from convseq_ros.core.map import autosave
 
 from bench.torture.attack import Try
 
@@ -94,7 +94,7 @@ def recorded(path: Path, number: Acknowledged) -> Iterator[None]:
 def print_tries(make: Callable[[int, int, Path], Iterator[tuple[str, str]]]) -> None:
     """Make the tries of the command line, and print each as JSON."""
     count, seed, folder = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
-    session._COMMIT_EVERY_S = _NEVER_S  # commit only on request
+    autosave._COMMIT_EVERY_S = _NEVER_S  # commit only on request
     for attempt in make(count, seed, folder):
         print(json.dumps(attempt), flush=True)
 

@@ -16,11 +16,11 @@ import random
 import tempfile
 import traceback
 
+from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.edit import joined, slices_of, unlink, without, write_new
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.result_row import COLUMNS, row
-from convseq_ros.core.session import Autosave
 from convseq_ros.core.types import Match, Reason, Status
 from convseq_ros.errors import MapError
 from convseq_ros.io.results import read_results, ResultWriter

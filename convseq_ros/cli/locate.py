@@ -10,9 +10,9 @@ from typing import Any
 
 from convseq_ros.cli.options import add_config, chosen_config, warn
 from convseq_ros.core.encoding.view import upright
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Localization, Match
 from convseq_ros.errors import ConfigError, ConvseqError, ImageError, SourceError
 from convseq_ros.evaluation.match_picture import match_picture
@@ -40,7 +40,7 @@ def run(chosen: argparse.Namespace) -> int:
     config = chosen_config(chosen)
     if config.online.mode != 'preloaded':
         raise ConfigError('mode: locate adds nothing to a map; leave it preloaded')
-    session = Session(chosen.map, config, describe=open_model(config))
+    session = Pipeline(chosen.map, config, describe=open_model(config))
     try:
         recognizer = session.recognizer
         frames = list(_frames(chosen.images, recognizer, chosen.camera_info))

@@ -25,9 +25,9 @@ from convseq_ros.cli.options import (
 )
 from convseq_ros.cli.processes import need_ros
 from convseq_ros.core.cameras import Cameras
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.result_row import COLUMNS, row
-from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match, Reason
 from convseq_ros.errors import MapError
 from convseq_ros.io.results import ResultWriter
@@ -60,7 +60,7 @@ def run(chosen: argparse.Namespace) -> int:
     """Replay, write the table, and print a summary."""
     config, sources = chosen_config(chosen), chosen.topic.split()
     with tells_what_is_kept(chosen.map):
-        session = Session(chosen.map, config, sources=sources, describe=open_model(config))
+        session = Pipeline(chosen.map, config, sources=sources, describe=open_model(config))
         for line in session.ignored:
             warn(line)
         with closing(session):
@@ -146,7 +146,7 @@ def opened(path: Path) -> Iterator[Listener]:
         yield lambda _frame, match, _recognizer, duration_ms: table.write(row(match, duration_ms))
 
 
-def _save(session: Session) -> None:
+def _save(session: Pipeline) -> None:
     """Write new places to the map; a full disk is a warning and does not end the replay."""
     try:
         session.save()

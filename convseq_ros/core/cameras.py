@@ -12,8 +12,8 @@ from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.online import FollowedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.retrieval.coarse_scores import Coarse
 from convseq_ros.core.rigid import of_roll_pitch_yaw
-from convseq_ros.core.sequence.coarse_scores import Coarse
 from convseq_ros.core.types import Frame, Localization, LocalizationState, Match
 import numpy as np
 

@@ -11,12 +11,12 @@ from typing import Self
 from convseq_ros.config import Config, EVERY_FRAME, MotionConfig
 from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
-from convseq_ros.core.frame_gate import AnyOrder
+from convseq_ros.core.gate.stamp_order import AnyOrder
+from convseq_ros.core.map.arrays import Places
+from convseq_ros.core.map.autosave import Autosave, NoAutosave
 from convseq_ros.core.map.online import link, OnlineMap
-from convseq_ros.core.map.place import Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.session import Autosave, NoAutosave
 from convseq_ros.core.types import Descriptor, Frame, Match
 
 # Never stationary: every place of a map is a keyframe.

@@ -11,18 +11,20 @@ from convseq_ros.config import Config
 from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.decider import Decider, Query
 from convseq_ros.core.decision.localizer import Localizer
-from convseq_ros.core.decision.paper_decider import PaperDecider
+from convseq_ros.core.decision.paper.decider import PaperDecider
+from convseq_ros.core.decision.paper.length import choose_length
+from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import Describe, FirstStage
 from convseq_ros.core.encoding.view import upright
-from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
+from convseq_ros.core.gate.gate import FrameGate, Verdict
+from convseq_ros.core.gate.stamp_order import Order, StampOrder
 from convseq_ros.core.map.online import OnlineMap, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.matcher import Features, make_matcher, Matcher
 from convseq_ros.core.pose.estimate import with_shift_and_yaw
 from convseq_ros.core.pose.relative_pose import RelativePoses
-from convseq_ros.core.sequence.coarse_scores import Coarse, CoarseScores
-from convseq_ros.core.sequence.query_buffer import choose_length, QueryBuffer
+from convseq_ros.core.retrieval.coarse_scores import Coarse, CoarseScores
+from convseq_ros.core.similarity.matcher import Features, make_matcher, Matcher
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Anchor, Descriptor, Frame, Match, Reason, Status
 

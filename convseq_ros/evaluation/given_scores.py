@@ -8,10 +8,10 @@ from functools import partial
 
 from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.config import Config
+from convseq_ros.core.decision.paper.diagonals import sequence_scores
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.sequence.query_buffer import sequence_scores
+from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import Descriptor, Indices, Match, Row, Shift
 from convseq_ros.evaluation.material import Drive
 from convseq_ros.evaluation.recognition import overridden, Scores

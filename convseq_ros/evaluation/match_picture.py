@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The query beside its best reference: on `~/debug_image`, and drawn by `convseq locate`."""
 
-from convseq_ros.core.map.place import decode_jpeg
+from convseq_ros.core.map.image_coding import decode_jpeg
 from convseq_ros.core.types import Frame, Match
 import cv2
 import numpy as np

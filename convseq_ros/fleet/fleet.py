@@ -17,10 +17,12 @@ from convseq_ros.config import Config
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.first_stage import Describe, vector_length, with_first_stage
+from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.format import MapSession
-from convseq_ros.core.map.place import Picture, Places
+from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.sequence.coarse_scores import Coarse, DriveMean, Usual, usual_of
+from convseq_ros.core.retrieval.coarse_scores import Coarse
+from convseq_ros.core.retrieval.whitening import DriveMean, Usual, usual_of
 from convseq_ros.core.types import Descriptor, Floats, Indices
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.shard import About, Answer, Call, Holder, KEPT, merged, Question
@@ -109,7 +111,7 @@ class Fleet:
 
     Workers of a `distributed.Client` hold the maps, in the order given. Maps that cannot be
     opened, or fail later, are `missing`; the others answer. `sources` name the cameras, if there
-    are several, and `describe` is the maps' model, as in `Session`. FleetError if a fleet cannot
+    are several, and `describe` is the maps' model, as in `Pipeline`. FleetError if a fleet cannot
     do what `config` requires, no map can be opened, or a question takes longer than `timeout_s`.
     """
 

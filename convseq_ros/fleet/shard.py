@@ -11,7 +11,9 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.sequence.coarse_scores import Centred, sums_of, top, Track, Usual
+from convseq_ros.core.retrieval.coarse_scores import top
+from convseq_ros.core.retrieval.track import Track
+from convseq_ros.core.retrieval.whitening import Centred, sums_of, Usual
 from convseq_ros.core.types import Floats, Indices, Row
 from convseq_ros.errors import MapError
 import numpy as np

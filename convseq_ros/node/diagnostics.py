@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 import time
 
-from convseq_ros.core.session import Session
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Match
 from convseq_ros.fleet.link import FleetLink
 from convseq_ros.node.conversions import status_message
@@ -17,14 +17,6 @@ from rclpy.node import Node
 
 _SILENCE_S = 3.0
 _LOG_PERIOD_S = 10.0
-_LOOK_S = 1.0
-_LOG_S, _WARN_S = 10.0, 5.0
-_REMEDIES = {
-    'queue_size': 'found the queue full (queue_size)',
-    'memory': 'found no memory left for the queue (256 MB)',
-    'max_wait_s': 'had waited longer than max_wait_s',
-    'middleware': 'were lost by the middleware (config/fastdds_large_images.xml)',
-}
 
 
 @dataclass(slots=True)
@@ -63,7 +55,7 @@ class Situation:
 
     ready: bool  # False while it warms up
     enabled: bool  # False if frames are ignored on purpose
-    session: Session  # the map in use and its file
+    session: Pipeline  # the map in use and its file
     topic: str  # of the camera
     dropped: int  # frames pushed out of the queue
     odometry_heard: bool
@@ -222,59 +214,3 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
     # A copy, because the worker's thread changes the original.
     counts = statistics.reasons.copy()
     return values | {f'reason_{reason}': counts[reason] for reason in sorted(counts)}
-
-
-class ProgressLog:
-    """Logs a summary every 10 s and at the end, and dropped frames by cause every 5 s."""
-
-    def __init__(
-        self, node: Node, statistics: Statistics, drops: Callable[[], Mapping[str, int]]
-    ) -> None:
-        self._logger = node.get_logger()
-        self._statistics = statistics
-        self._drops = drops
-        self._logged = self._warned = time.monotonic()
-        self._before = self._counts()
-        self._dropped_before: Counter[str] = Counter()
-        self._timer = steady_timer(node, _LOOK_S, self._look)
-
-    def finish(self) -> None:
-        """Log a summary since the start, if any message arrived."""
-        self._warn()
-        if self._statistics.received:
-            self._logger.info(f'at the end: {self._summary((0, 0, 0, 0.0))}')
-
-    def _look(self) -> None:
-        now = time.monotonic()
-        if now - self._warned >= _WARN_S or not self._dropped_before:
-            self._warn()
-        if now - self._logged >= _LOG_S:
-            if self._statistics.received > self._before[0]:
-                self._logger.info(f'in {now - self._logged:.0f} s: {self._summary(self._before)}')
-            self._logged, self._before = now, self._counts()
-
-    def _counts(self) -> tuple[int, int, int, float]:
-        now = self._statistics
-        return now.received, now.processed, now.reasons['accepted'], now.busy_ms
-
-    def _summary(self, before: tuple[int, int, int, float]) -> str:
-        now = self._counts()
-        received, processed, accepted = (now[at] - before[at] for at in range(3))
-        spent_ms = (now[3] - before[3]) / max(processed, 1)
-        return (
-            f'{received} frames came, {processed} processed, {accepted} accepted, '
-            f'{sum(self._drops().values())} dropped since the start; {spent_ms:.1f} ms a frame'
-        )
-
-    def _warn(self) -> None:
-        drops = Counter(self._drops())
-        new = drops - self._dropped_before
-        if not new:
-            return
-        causes = ', '.join(f'{count} {_REMEDIES[cause]}' for cause, count in new.items())
-        self._logger.warning(
-            f'{new.total()} frames dropped, {drops.total()} of '
-            f'{self._statistics.received + drops["middleware"]} since the start: {causes}. Have '
-            'fewer sent, or raise keyframe_interval_s'
-        )
-        self._warned, self._dropped_before = time.monotonic(), drops

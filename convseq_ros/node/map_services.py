@@ -14,7 +14,7 @@ from typing import TypeVar
 from convseq_ros.config import Config
 from convseq_ros.core.map.format import is_map_or_empty
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.session import Session
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import MapError, one_line, with_traceback
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.node.recognition import Arrival, Recognition
@@ -97,14 +97,14 @@ class MapServices:
         response.result = LoadMap.Response.RESULT_SUCCESS
         return response
 
-    def _open(self, path: Path) -> Session:
+    def _open(self, path: Path) -> Pipeline:
         present = self._recognition.session
         if present.is_persisted and path.exists() and path.samefile(present.path or ''):
             raise MapError(f'{path}: is the map that is growing already')
         sources = [*present.cameras.recognizers]
         config = self._config()
         model = open_model(config)
-        session = Session(path, config, make=False, sources=sources, describe=model)
+        session = Pipeline(path, config, make=False, sources=sources, describe=model)
         for line in session.ignored:
             self._logger.warning(line)
         try:

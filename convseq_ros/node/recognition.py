@@ -11,9 +11,9 @@ import time
 from typing import Any
 
 from convseq_ros.core.map_builder import link_map, not_linked
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.result_row import COLUMNS, row
-from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import (
     ConfigError,
@@ -90,7 +90,7 @@ class MapLinking:
     done.
     """
 
-    def __init__(self, session: Session, logger: Any) -> None:
+    def __init__(self, session: Pipeline, logger: Any) -> None:
         self._session, self._logger, self._end = session, logger, Event()
         self._thread = Thread(target=self._run, name='linking', daemon=True)
         self._thread.start()
@@ -142,7 +142,7 @@ class Recognition:
     `publish` gets each frame, its match, the recogniser that made it and the time in milliseconds.
     """
 
-    session: Session  # the current one
+    session: Pipeline  # the current one
     context: FrameContext
     results: ResultLog  # gets a row for every answer
     publish: Publish
@@ -185,7 +185,7 @@ class Recognition:
                 self.statistics.failed += 1
                 self.logger.error(with_traceback(error), throttle_duration_sec=_LOG_PERIOD_S)
 
-    def swap(self, session: Session) -> None:
+    def swap(self, session: Pipeline) -> None:
         """Replace the session, and so the map; additions of the old one are saved."""
         session.cameras.configure(self.session.cameras.config)
         self.close()
@@ -240,7 +240,7 @@ class Recognition:
         online = replace(config.online, mode='preloaded')
         config = replace(config, encoding=encoding, online=online)
         sources = [*session.cameras.recognizers]
-        self.swap(Session(session.path, config, sources=sources))
+        self.swap(Pipeline(session.path, config, sources=sources))
         self.model_problem = f'{error}; the built-in descriptor is used, and the map does not grow'
         self.logger.error(self.model_problem)
 

@@ -16,18 +16,19 @@ if __name__ == '__main__':
 
 from convseq_ros.config import Config
 from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.node.cameras import image_subscriptions, QUEUE_BYTES, TopicFinder
-from convseq_ros.node.diagnostics import Diagnostics, ProgressLog, Situation, Statistics
+from convseq_ros.node.diagnostics import Diagnostics, Situation, Statistics
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.life_cycle import ManagedNode, PATIENCE_S
 from convseq_ros.node.localization import LocalizationTopics
 from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.parameters import declare
+from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers, open_fleet
 from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.node.running import run_until_signal
@@ -84,7 +85,7 @@ class VprNode(ManagedNode):
         self._images = image_subscriptions(self, config, self._on_image)
         topics = [images.topic for images in self._images] if config.image_topics else []
         path = Path(config.map_path) if config.map_path else None
-        session = Session(path, self._config, sources=topics, describe=open_model(self._config))
+        session = Pipeline(path, self._config, sources=topics, describe=open_model(self._config))
         opened.callback(session.close)
         self._results = ResultLog(config.result_file, logger)
         opened.callback(self._results.close)

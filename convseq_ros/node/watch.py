@@ -16,7 +16,7 @@ if __name__ == '__main__':
     run_node('convseq_ros.node.watch')
 
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.core.map.place import decode_jpeg
+from convseq_ros.core.map.image_coding import decode_jpeg
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import ConvseqError, ImageError, MapError

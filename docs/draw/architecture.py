@@ -13,9 +13,9 @@ INK, DIM, BLUE, FILL, SIDE = '#17212b', '#5b6b7a', '#1f6fb2', '#eaf2fa', '#f4efe
 WIDTH, STEP = 0.86, 1.0
 # Stage, what it does, where.
 STAGES = (
-    ('frame gate', 'late? still?\nno keyframe?', 'frame_gate.py'),
+    ('frame gate', 'late? still?\nno keyframe?', 'gate/'),
     ('encode', 'cells and\nsalient regions', 'encoding/'),
-    ('coarse scores', 'one number for\neach place', 'sequence/'),
+    ('coarse scores', 'one number for\neach place', 'retrieval/'),
     ('pair scores', 'rough for 40,\nfull for some 15', 'similarity/'),
     ('verify', 'some 10 places,\ndisplacements', 'geometry/'),
     ('decide', 'belief:\npredict, update', 'decision/'),

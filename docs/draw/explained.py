@@ -14,8 +14,8 @@ from convseq_ros.config import Config, with_values
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map_builder import build_map
-from convseq_ros.core.matcher import make_matcher
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.similarity.matcher import make_matcher
 from convseq_ros.core.types import Frame
 from convseq_ros.evaluation.plots import new_figure, save
 from convseq_ros.simulation.drive import draw, Drive

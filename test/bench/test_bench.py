@@ -41,7 +41,7 @@ LIES = """
 import sys
 from pathlib import Path
 from bench.torture import disk, map_writes
-from convseq_ros.core.session import Autosave
+from convseq_ros.core.map.autosave import Autosave
 # A program that says at once that all is safe.
 Autosave.flush = lambda self: setattr(self, 'committed', len(self.reference_map))
 map_writes.SCENARIOS = {'grow': map_writes.SCENARIOS['grow']}

@@ -7,7 +7,8 @@ import json
 from convseq_ros.cli import main
 from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.place import pack_cells, Place, thumbnail
+from convseq_ros.core.map.image_coding import thumbnail
+from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.types import Pose

@@ -5,11 +5,11 @@
 import os
 import shutil
 
-from convseq_ros.core import session as module
+from convseq_ros.core.map import autosave as module
 from convseq_ros.core.map import writer
+from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.session import Autosave
 from convseq_ros.errors import MapError
 from programs import wait_for
 import pytest

@@ -16,7 +16,6 @@ from convseq_ros.core.encoding.regions import (
 )
 from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.coherent import extract, global_similarity, region_blocks, widened
 from convseq_ros.core.similarity.kernels.numpy_kernels import (
@@ -24,6 +23,7 @@ from convseq_ros.core.similarity.kernels.numpy_kernels import (
     less_background,
     normalized,
 )
+from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np

@@ -9,7 +9,7 @@ import shutil
 import sys
 
 from convseq_ros.config import make_config
-from convseq_ros.core import compiled, session
+from convseq_ros.core import compiled, pipeline
 import numpy as np
 from programs import run
 import pytest
@@ -74,9 +74,9 @@ def test_nothing_is_written_where_the_package_is_installed(tmp_path):
     lines = (
         'import numpy as np\n'
         'from convseq_ros.core.compiled import available\n'
-        'from convseq_ros.core.session import Session\n'
+        'from convseq_ros.core.pipeline import Pipeline\n'
         'from convseq_ros.config import Config\n'
-        'Session(None, Config()).warm_up()\n'
+        'Pipeline(None, Config()).warm_up()\n'
         'print(available())\n'
     )
     environment = os.environ | {'PYTHONPATH': str(tmp_path)}
@@ -139,7 +139,7 @@ def test_a_signal_while_an_argument_is_looked_at_is_no_wrong_argument():
 
 
 @pytest.mark.parametrize(('kernel', 'said'), [('auto', 'install gcc'), ('numpy', '')])
-def test_a_slow_session_says_why_unless_it_was_asked_for(monkeypatch, kernel, said):
-    monkeypatch.setattr(session, 'slow_path', lambda: 'no compiled kernels: install gcc')
-    made = session.Session(None, make_config({'mode': 'online', 'kernel': kernel}))
+def test_a_slow_pipeline_says_why_unless_it_was_asked_for(monkeypatch, kernel, said):
+    monkeypatch.setattr(pipeline, 'slow_path', lambda: 'no compiled kernels: install gcc')
+    made = pipeline.Pipeline(None, make_config({'mode': 'online', 'kernel': kernel}))
     assert made.slow == (f'no compiled kernels: {said}' if said else '')

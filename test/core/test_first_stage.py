@@ -13,8 +13,8 @@ from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import build_map, link_map
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Reason
 from convseq_ros.errors import ConfigError, MapError, ModelError
 import cv2
@@ -114,11 +114,11 @@ def test_a_map_of_another_model_is_refused_in_one_line(frames, tmp_path):
     for describe, growing in ((other, False), (other, True), (None, True)):
         online = replace(CONFIG, online=replace(CONFIG.online, mode='online'))
         with pytest.raises(MapError, match='descriptor_model') as caught:
-            Session(path, online if growing else CONFIG, describe=describe)
+            Pipeline(path, online if growing else CONFIG, describe=describe)
         assert '\n' not in str(caught.value)
     build_map(frames(count=20), tmp_path / 'plain.db', CONFIG)
     with pytest.raises(MapError, match='made with the built-in descriptor, asked for'):
-        Session(tmp_path / 'plain.db', CONFIG, describe=small)
+        Pipeline(tmp_path / 'plain.db', CONFIG, describe=small)
     with pytest.raises(ConfigError, match='build the map again'):
         PlaceRecognizer(open_map(path), CONFIG, describe=other)
     with pytest.raises(ConfigError, match='is a file'):
@@ -134,7 +134,7 @@ def test_a_map_of_another_model_is_refused_in_one_line(frames, tmp_path):
 def test_places_are_added_with_vectors_to_a_map_that_grows(frames, tmp_path):
     path = tmp_path / 'map.db'
     online = replace(CONFIG, online=replace(CONFIG.online, mode='online', exclusion_s=1.0))
-    session = Session(path, online, describe=small)
+    session = Pipeline(path, online, describe=small)
     for seed in (0, 1):
         for frame in frames(seed):
             last = replace(frame, stamp_ns=frame.stamp_ns + seed * 10**11)
@@ -161,10 +161,10 @@ def test_by_descriptors_alone_maps_have_no_cells_and_matches_no_confidence(frame
     with pytest.raises(ConfigError, match='needs cells, the map keeps none'):
         PlaceRecognizer(opened, CONFIG, describe=small)
     with pytest.raises(MapError, match='descriptor_model'):
-        Session(path, config)
+        Pipeline(path, config)
     online = replace(CONFIG, online=replace(CONFIG.online, mode='online'))
     with pytest.raises(MapError, match='made without cells'):
-        Session(path, online, describe=small)
+        Pipeline(path, online, describe=small)
 
 
 def test_the_bytes_of_a_place(described, tmp_path):

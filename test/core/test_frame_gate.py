@@ -15,8 +15,11 @@ from convseq_ros.config import (
     MotionConfig,
 )
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
-from convseq_ros.core.frame_gate import FrameDropDetector, FrameGate, Order, StampOrder, Standstill
-from convseq_ros.core.glance import distance, GLANCE, glance, NearnessByGlance
+from convseq_ros.core.gate.dropped_frames import FrameDropDetector
+from convseq_ros.core.gate.gate import FrameGate
+from convseq_ros.core.gate.near_duplicate import distance, GLANCE, glance, NearnessByGlance
+from convseq_ros.core.gate.stamp_order import Order, StampOrder
+from convseq_ros.core.gate.standstill import Standstill
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Reason
 from convseq_ros.simulation.drive import Drive

@@ -14,12 +14,13 @@ from convseq_ros.config import (
     SequenceConfig,
     with_values,
 )
+from convseq_ros.core.decision.paper.diagonals import sequence_scores
+from convseq_ros.core.decision.paper.length import choose_length
 from convseq_ros.core.encoding.descriptor import describe, local_entropy
 from convseq_ros.core.encoding.regions import paper_regions
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.sequence.query_buffer import choose_length, sequence_scores
 from convseq_ros.core.similarity.kernels import chosen_kernels
 from convseq_ros.core.similarity.kernels.numpy_kernels import pair_scores
 from convseq_ros.core.similarity.overlap import PaperSimilarity

@@ -10,6 +10,7 @@ import time
 
 from convseq_ros.core.map import crash_recovery
 from convseq_ros.core.map import database as limits
+from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.crash_recovery import _checksum
 from convseq_ros.core.map.database import as_map_error, Database
 from convseq_ros.core.map.edit import unlink
@@ -17,7 +18,6 @@ from convseq_ros.core.map.format import PAGE_BYTES, row_crc
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.writer import MapWriter, save_map
-from convseq_ros.core.session import Autosave
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import MapError
 import numpy as np

@@ -12,7 +12,7 @@ from convseq_ros.core.compiled import available, library, VARIANTS
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.map.place import pack_cells, unpack_cells
-from convseq_ros.core.sequence import coarse_scores
+from convseq_ros.core.retrieval import whitening
 from convseq_ros.core.similarity.coherent import global_similarity, widened
 from convseq_ros.core.similarity.kernels import chosen_kernels
 from convseq_ros.core.similarity.kernels.numpy_kernels import less_background
@@ -173,7 +173,7 @@ from convseq_ros.core.compiled import library
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells
 from convseq_ros.core.similarity.kernels import chosen_kernels
-from convseq_ros.core.sequence.coarse_scores import products
+from convseq_ros.core.retrieval.whitening import products
 
 print(library().variant)
 
@@ -241,17 +241,17 @@ def test_products_of_halves_are_those_of_the_numbers(numbers, compiled, monkeypa
     if compiled:
         needs_library()
     else:
-        monkeypatch.setattr(coarse_scores, 'available', lambda: False)
+        monkeypatch.setattr(whitening, 'available', lambda: False)
     rng = np.random.default_rng(numbers)
     rows = rng.normal(0, 1, (5000, numbers)).astype(np.float16)
     rows[:4] = np.array([0, 6e-8, -6e-5, 65504], np.float16)[:, None]
     direction = rng.normal(0, 1, numbers).astype(np.float32)
-    found = coarse_scores.products(rows, direction)
+    found = whitening.products(rows, direction)
     expected = rows.astype(np.float64) @ direction
     size = np.abs(rows.astype(np.float64)) @ np.abs(direction)
     assert found.dtype == np.float32
     assert (np.abs(found - expected) <= 1e-6 * size).all()
-    assert coarse_scores.products(rows[:0], direction).shape == (0,)
+    assert whitening.products(rows[:0], direction).shape == (0,)
 
 
 @pytest.mark.parametrize('kernel', ['int8', 'float32'])

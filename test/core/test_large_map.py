@@ -8,7 +8,8 @@ import sys
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.regions import global_descriptor
-from convseq_ros.core.map.place import pack_cells, Picture, Place, thumbnail
+from convseq_ros.core.map.image_coding import thumbnail
+from convseq_ros.core.map.place import pack_cells, Picture, Place
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.core.types import Pose
 import numpy as np
@@ -57,7 +58,7 @@ import numpy as np
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.sequence.coarse_scores import CoarseScores
+from convseq_ros.core.retrieval.coarse_scores import CoarseScores
 from convseq_ros.core.types import Descriptor
 
 def resident():

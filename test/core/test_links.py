@@ -9,6 +9,7 @@ import sqlite3
 from convseq_ros.cli import main
 from convseq_ros.config import make_config
 from convseq_ros.core.graph.links import chained, Link, LINKS, Links, SessionBounds
+from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.edit import carry_links, joined, slices_of, without, write_new
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.place import Place
@@ -16,8 +17,8 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import build_map, MapBuilder, not_linked
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, turned_by
-from convseq_ros.core.session import Autosave, Session
 from convseq_ros.core.types import Camera, Frame, RelativePose
 import cv2
 from hypothesis import given, settings
@@ -229,7 +230,7 @@ def test_links_that_cannot_be_are_left_out_and_told_once(path, row, capsys):
     assert main(['info', str(path)]) == 0
     said = capsys.readouterr()
     assert 'links        2' in said.out and said.err == f'warning: {opened.problem}\n'
-    session = Session(path, make_config({'image_size_px': 64}))
+    session = Pipeline(path, make_config({'image_size_px': 64}))
     assert session.ignored[:1] == [opened.problem]
 
 
@@ -326,7 +327,7 @@ def test_a_map_that_was_built_has_the_places_and_links_of_one_grown_online(tmp_p
     offline, online, without = (tmp_path / name for name in ('built.db', 'grown.db', 'bare.db'))
     build_map(laps(image), offline, config())
     build_map(laps(image), without, config(), links=False)
-    session = Session(online, config(mode='online'))
+    session = Pipeline(online, config(mode='online'))
     for frame in laps(image):
         session.recognizer.process(frame)
     session.close()

@@ -11,7 +11,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import build_map, MapBuilder
-from convseq_ros.core.session import Session
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Anchor, Candidate, Frame, Match, Reason, Status
 from convseq_ros.errors import MapError
 from hypothesis import given, settings
@@ -140,7 +140,7 @@ def test_a_removal_that_fails_leaves_the_map_as_it_is(path, monkeypatch):
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr('os.replace', fail)
-    session = Session(path, make_config({'mode': 'online', 'image_size_px': 64, 'max_looks': 2}))
+    session = Pipeline(path, make_config({'mode': 'online', 'image_size_px': 64, 'max_looks': 2}))
     assert path.read_bytes()[:64] and len(session.recognizer.reference_map) == 4 * ROUND
     assert [one for one in session.ignored if one.startswith('max_looks is ignored: ')]
     with pytest.raises(MapError, match='No space left on device'):
@@ -169,7 +169,7 @@ def drive(path, image):
 
     def run(day, count, most=2):
         config = make_config({'mode': 'online', 'image_size_px': 128, 'max_looks': most})
-        session, found = Session(path, config), []
+        session, found = Pipeline(path, config), []
         for place in range(count):
             frame = Frame(day * DAY + place * SECOND, image(place, day))
             found.append(session.recognizer.process(frame))

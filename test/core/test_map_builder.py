@@ -12,7 +12,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import build_map, MapBuilder
-from convseq_ros.core.session import Session
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Frame, Pose
 from convseq_ros.errors import MapError
 import numpy as np
@@ -62,7 +62,7 @@ def test_online_and_offline_make_the_same_map(tmp_path, image, settings):
     config = make_config({'image_size_px': 128, 'mode': 'online', **settings})
     offline, online = tmp_path / 'offline.db', tmp_path / 'online.db'
     build_map(drive(image), offline, config)
-    session = Session(online, config)
+    session = Pipeline(online, config)
     for frame in drive(image):
         session.recognizer.process(frame)
         session.save()

@@ -6,8 +6,9 @@ from threading import Thread
 
 from convseq_ros.config import Config, OnlineConfig
 from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.image_coding import decode_jpeg, thumbnail
 from convseq_ros.core.map.online import OnlineMap
-from convseq_ros.core.map.place import decode_jpeg, pack_cells, Picture, Place, thumbnail
+from convseq_ros.core.map.place import pack_cells, Picture, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Frame, Pose
 import cv2

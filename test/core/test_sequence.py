@@ -7,14 +7,11 @@ from itertools import count
 from types import SimpleNamespace
 
 from convseq_ros.config import EncodingConfig, SequenceConfig
+from convseq_ros.core.decision.paper.diagonals import diagonal, sequence_scores
+from convseq_ros.core.decision.paper.length import choose_length
+from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.graph.links import SessionBounds
-from convseq_ros.core.sequence.query_buffer import (
-    choose_length,
-    diagonal,
-    QueryBuffer,
-    sequence_scores,
-)
 from convseq_ros.core.types import Descriptor
 from hypothesis import given
 from hypothesis import strategies as st

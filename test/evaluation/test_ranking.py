@@ -5,7 +5,7 @@
 from dataclasses import replace
 
 from convseq_ros.baselines.loop_detector import Detection
-from convseq_ros.core.sequence.query_buffer import choose_length
+from convseq_ros.core.decision.paper.length import choose_length
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Reason
 from convseq_ros.evaluation.given_scores import PairScores, rank_references, recognize_given

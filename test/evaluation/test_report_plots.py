@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pictures of the demo, the report and ~/debug_image."""
 
-from convseq_ros.core.map.place import thumbnail
+from convseq_ros.core.map.image_coding import thumbnail
 from convseq_ros.core.types import Candidate, Frame, Match, Reason, Status
 from convseq_ros.evaluation import plots
 from convseq_ros.evaluation.match_picture import match_picture

@@ -5,7 +5,7 @@
 import os
 import threading
 
-from convseq_ros.core.session import Session
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.node import vpr_node
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -105,7 +105,7 @@ def test_cleanup_in_the_midst_of_warming_up_lets_go_of_the_map(
         warming.set()
         wait_for(lambda: node._worker.is_stopping)
 
-    monkeypatch.setattr(Session, 'warm_up', warm_up)
+    monkeypatch.setattr(Pipeline, 'warm_up', warm_up)
     for _ in range(2):
         warming.clear()
         assert change(CONFIGURE) and warming.wait(60)

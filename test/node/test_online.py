@@ -6,7 +6,7 @@ import threading
 
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.session import Session
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import ConfigError
 from convseq_ros.node.conversions import CANDIDATE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -156,12 +156,12 @@ def test_no_frame_is_dropped_while_maps_are_saved_and_loaded(
     stream(lambda: sent > 10)
     for module, name, kind, request in (
         ('map_services.save_map', 'save_map', Trigger, Trigger.Request()),
-        ('map_services.Session', 'load_map', LoadMap, LoadMap.Request(map_url=str(other))),
+        ('map_services.Pipeline', 'load_map', LoadMap, LoadMap.Request(map_url=str(other))),
     ):
         target = f'convseq_ros.node.{module}'
         held.clear()
         with monkeypatch.context() as patch:
-            patch.setattr(target, slowly(save_map if kind is Trigger else Session))
+            patch.setattr(target, slowly(save_map if kind is Trigger else Pipeline))
             service = client.service(kind, f'/vpr_node/{name}')
             future, before = service.call_async(request), sent
             stream(lambda before=before: sent > before + 10)
@@ -231,13 +231,13 @@ def test_diagnostics_say_so_for_as_long_as_the_map_cannot_be_written(
 
 def test_it_is_ready_when_it_is_warm(client, vpr, map_path, street, image, monkeypatch, capfd):
     warm = threading.Event()
-    warm_up = Session.warm_up
+    warm_up = Pipeline.warm_up
 
     def slowly(session):
         assert warm.wait(60)
         warm_up(session)
 
-    monkeypatch.setattr(Session, 'warm_up', slowly)
+    monkeypatch.setattr(Pipeline, 'warm_up', slowly)
     vpr(map_path=map_path, fixed_length=1, diagnostics_period_s=0.1)
     diagnostics = client.listen(DiagnosticArray, '/diagnostics')
     client.wait_for(lambda: diagnostics)

@@ -9,12 +9,12 @@ from unittest.mock import Mock
 
 from convseq_ros.config import make_config
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.session import Session
 from convseq_ros.core.types import Camera, Match, Pose, Reason, Status
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.io.results import read_results, ResultWriter
-from convseq_ros.node import diagnostics
+from convseq_ros.node import diagnostics, progress_log
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
@@ -70,7 +70,7 @@ def path(tmp_path):
 
 @pytest.fixture
 def setup(map_path, path):
-    made = Setup(Session(map_path, CONFIG), path)
+    made = Setup(Pipeline(map_path, CONFIG), path)
     yield made
     made.results.close()
 
@@ -107,7 +107,7 @@ def test_what_fails_while_the_node_stops_is_nobodys_business(setup, image, gray,
 
 def test_numbers_go_on_when_the_map_changes(setup, image, gray):
     setup.handle(image(gray, 1), 0)
-    setup.recognition.swap(Session(None, CONFIG))
+    setup.recognition.swap(Pipeline(None, CONFIG))
     setup.handle(image(gray, 1), 1)
     assert [(match.query_index, size) for _, match, size in setup.published] == [(0, 25), (1, 0)]
     assert setup.published[1][1].reason is Reason.NO_MAP
@@ -116,7 +116,7 @@ def test_numbers_go_on_when_the_map_changes(setup, image, gray):
 def test_the_old_map_is_completed_when_another_takes_over(setup, monkeypatch):
     old = setup.recognition.session
     monkeypatch.setattr(old, 'close', Mock(side_effect=MapError('map.db: disk full')))
-    setup.recognition.swap(Session(None, CONFIG))
+    setup.recognition.swap(Pipeline(None, CONFIG))
     assert setup.recognition.session is not old
     assert setup.statistics.write_failures == 1
 
@@ -127,7 +127,7 @@ def test_a_map_without_links_is_linked_while_frames_are_answered(
 ):
     path = Path(shutil.copy(map_path, tmp_path / 'map.db'))
     config = make_config({'mode': mode, 'keyframe_overlap': 1.0})
-    setup.recognition.session = Session(path, config)
+    setup.recognition.session = Pipeline(path, config)
     whole = setup.recognition.session.recognizer.reference_map
     assert not whole.is_linked
     setup.recognition.link()
@@ -147,8 +147,8 @@ SECOND = 1_000_000_000
 @pytest.fixture
 def quick(monkeypatch):
     """Have the log looked after often."""
-    monkeypatch.setattr(diagnostics, '_LOOK_S', 0.05)
-    monkeypatch.setattr(diagnostics, '_LOG_S', 0.1)
+    monkeypatch.setattr(progress_log, '_LOOK_S', 0.05)
+    monkeypatch.setattr(progress_log, '_LOG_S', 0.1)
 
 
 @pytest.fixture

@@ -100,7 +100,7 @@ def test_what_nobody_foresaw_fails_the_service_and_not_the_node(
         raise ValueError('a surprise')
 
     monkeypatch.setattr(map_services, 'save_map', fail)
-    monkeypatch.setattr(map_services, 'Session', fail)
+    monkeypatch.setattr(map_services, 'Pipeline', fail)
     assert client.call(Trigger, '/vpr_node/save_map').message == 'a surprise'
     answer = client.call(LoadMap, '/vpr_node/load_map', map_url=str(map_path))
     assert answer.result == LoadMap.Response.RESULT_INVALID_MAP_DATA

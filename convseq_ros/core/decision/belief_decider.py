@@ -8,10 +8,11 @@ from convseq_ros.core.decision.decider import Answer, apart, candidate, Query
 from convseq_ros.core.decision.likelihood import strength_of
 from convseq_ros.core.decision.observation import Neighbourhood, Observation, OBSERVED, Observer
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
+from convseq_ros.core.decision.paper.diagonals import diagonal
+from convseq_ros.core.decision.paper.query_buffer import BUFFER
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.sequence.coarse_scores import Coarse
-from convseq_ros.core.sequence.query_buffer import BUFFER, diagonal
+from convseq_ros.core.retrieval.coarse_scores import Coarse
 from convseq_ros.core.types import Candidate, Candidates, Flags, Reason
 import numpy as np
 

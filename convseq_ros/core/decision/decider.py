@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from convseq_ros.config import Config
+from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.types import Candidate, Candidates, Doubles, Flags, Frame, Reason
 import numpy as np
 

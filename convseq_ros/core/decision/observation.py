@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 
 from convseq_ros.core.decision.decider import apart
 from convseq_ros.core.decision.likelihood import Leads, Likelihood, RATIO, strength_of
+from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.sequence.coarse_scores import Coarse
-from convseq_ros.core.sequence.query_buffer import QueryBuffer
+from convseq_ros.core.retrieval.coarse_scores import Coarse
 from convseq_ros.core.types import constants, Doubles, Flags, Indices, Row
 import numpy as np
 

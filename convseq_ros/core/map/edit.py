@@ -10,11 +10,12 @@ from operator import attrgetter
 from pathlib import Path
 
 from convseq_ros.core.graph.links import chained, Links
+from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.crash_recovery import open_to_write
 from convseq_ros.core.map.database import as_map_error, Database, MapLock
 from convseq_ros.core.map.format import MapSession, row_crc, stored_settings
 from convseq_ros.core.map.online import Looks
-from convseq_ros.core.map.place import Picture, Places
+from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import Progress, save_map, write_links

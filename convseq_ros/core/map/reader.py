@@ -17,10 +17,11 @@ from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Links
+from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.crash_recovery import open_to_read
 from convseq_ros.core.map.database import as_map_error, Database, Rows
 from convseq_ros.core.map.format import decode_cells, MapSession, row_crc, Settings, unpacked_pose
-from convseq_ros.core.map.place import NO_CELLS, Picture, Places
+from convseq_ros.core.map.place import NO_CELLS, Picture
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
 

@@ -14,22 +14,11 @@ from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Links, SessionBounds
+from convseq_ros.core.map.arrays import Places
+from convseq_ros.core.map.depth_coding import Depths, packed_depths, unpacked_depths
 from convseq_ros.core.map.format import MapSession
-from convseq_ros.core.map.place import (
-    decode_image,
-    Depths,
-    encode_image,
-    NO_CELLS,
-    pack_cells,
-    Packed,
-    packed_depths,
-    Picture,
-    Place,
-    Places,
-    thumbnail,
-    unpack_cells,
-    unpacked_depths,
-)
+from convseq_ros.core.map.image_coding import decode_image, encode_image, thumbnail
+from convseq_ros.core.map.place import NO_CELLS, pack_cells, Packed, Picture, Place, unpack_cells
 from convseq_ros.core.types import Camera, Descriptor, Frame, Gray, Halves, Pose
 from convseq_ros.errors import MapError
 import cv2

@@ -25,5 +25,5 @@ static inline Sums add_fours(Sums sum, Words one, Words other)
 #include "../similarity/kernels/coherent.c"
 #include "../similarity/kernels/regional.c"
 #include "../similarity/kernels/references.c"
-#include "../sequence/kernels.c"
+#include "../retrieval/kernels.c"
 #include "../geometry/kernels.c"

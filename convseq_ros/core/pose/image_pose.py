@@ -21,7 +21,7 @@ from convseq_ros.core.geometry.alignment import (
     start_by_points,
 )
 from convseq_ros.core.geometry.structure import Points, rays_through, Sight, Structure, triangulate
-from convseq_ros.core.map.place import reduced
+from convseq_ros.core.map.image_coding import reduced
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.ways import Ways
 from convseq_ros.core.rigid import inverse, Matrix, matrix, ROBOT_LENS

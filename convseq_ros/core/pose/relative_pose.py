@@ -28,10 +28,10 @@ from convseq_ros.core.geometry.structure import (
 )
 from convseq_ros.core.geometry.uncertainty import base_pose, base_pose_of_two_views, ERROR
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.pose.image_pose import ImagePoses, LensView
 from convseq_ros.core.pose.ways import WAYS, Ways
 from convseq_ros.core.rigid import inverse, Matrix, matrix
+from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import (
     Camera,
     Candidate,

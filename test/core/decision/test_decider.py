@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.decision.decider import Query
-from convseq_ros.core.decision.paper_decider import decide_by_margin, PaperDecider
-from convseq_ros.core.sequence.coarse_scores import Coarse
+from convseq_ros.core.decision.paper.decider import decide_by_margin, PaperDecider
+from convseq_ros.core.retrieval.coarse_scores import Coarse
 from convseq_ros.core.types import Candidate, Frame, Reason
 import numpy as np
 import pytest

@@ -5,7 +5,7 @@
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.decision.decider import Answer, apart, candidate, Query
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.sequence.coarse_scores import Coarse
+from convseq_ros.core.retrieval.coarse_scores import Coarse
 from convseq_ros.core.types import Candidates, Doubles, Flags, Indices, Reason
 import numpy as np
 

@@ -1,27 +1,16 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-The rolling buffer of query frames and their pair scores (III-A).
+"""The rolling buffer of query frames and their pair scores (III-A)."""
 
-Also the choice of the sequence length (III-E, F) and the sequence scores along diagonals (III-G).
-"""
-
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from statistics import fmean
-from typing import Any
 
-from convseq_ros.config import SequenceConfig
+from convseq_ros.core.decision.paper.diagonals import ONE_SESSION, sequence_scores, Values
 from convseq_ros.core.geometry.verification import Verification, verify
 from convseq_ros.core.graph.links import SessionBounds
-from convseq_ros.core.matcher import Features, Matcher
+from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import Candidate, constants, Descriptor, Indices, Row
 import numpy as np
-import numpy.typing as npt
-
-Rows = Sequence[Row | None]  # newest first; None for an uninformative frame
-Values = npt.NDArray[Any]
-ONE_SESSION = SessionBounds()
 
 
 @constants
@@ -180,96 +169,3 @@ def _novelty(features: Features | None, before: Features | None) -> float:
     ):
         return 1.0
     return min(1.0, max(0.0, 2 - 2 * float(vectors[0] @ vectors[1]) / lengths))
-
-
-def choose_length(
-    outward: Sequence[Descriptor],
-    similarity: Callable[[Descriptor, Descriptor, float], float],
-    config: SequenceConfig,
-) -> int | None:
-    """
-    Return the sequence length k; None if that takes more frames than there are.
-
-    `outward` starts with the anchor, which is informative. The sequence grows while its outermost
-    frame overlaps the anchor (little information gain), by their pair score in [0, 1]; then while
-    its mean entropy is too small. `similarity` also gets the threshold of its comparison.
-
-    Notes
-    -----
-    Departures from the paper: (1) information gain is as in the released script:
-    `similarity >= overlap_threshold` extends the sequence; (2) the shortest chosen length is 2;
-    (3) online, the anchor is the newest frame and the sequence extends into the past (the paper's
-    anchor is the oldest frame and needs up to 24 future ones); (4) uninformative frames are
-    ignored; (5) the pair score may be of part of the regions, if these show on which side of the
-    threshold it lies (`PaperSimilarity`).
-
-    """
-
-    def overlaps(length: int) -> bool:
-        other, least = outward[length - 1], config.overlap_threshold
-        return not other.informative or similarity(outward[0], other, least) >= least
-
-    available, length = len(outward), config.fixed_length or config.min_length
-    if not config.fixed_length:
-        while length < config.max_overlap_length and length <= available and overlaps(length):
-            length += 1
-        entropies = [frame.entropy for frame in outward[:length] if frame.informative]
-        while length < config.max_length and length <= available:
-            if fmean(entropies) > config.entropy_threshold:
-                break
-            entropies += [new.entropy for new in outward[length : length + 1] if new.informative]
-            length += 1
-    return length if length <= available else None
-
-
-def diagonal(length: int, velocity: float = 1.0) -> list[int]:
-    """Return how many places before its end a diagonal meets each frame, newest first."""
-    steps = [int(offset * abs(velocity) + 0.5) for offset in range(length)]
-    return steps if velocity > 0 else [-step for step in steps]
-
-
-def sequence_scores(
-    rows: Rows,
-    ends: Indices | None = None,
-    partial: bool = False,
-    bounds: SessionBounds = ONE_SESSION,
-) -> Values:
-    """
-    Return the scores of a sequence of k frames at each reference, (R,), or at `ends`, (n,).
-
-    A score is the mean of the pair scores along a diagonal (III-G). It is -inf if the diagonal
-    leaves its session, the newest pair is not scored, or fewer than half of the pairs are scored.
-    `ends` are ascending. With `partial`, up to half of the pairs may lie outside the session or
-    lack scores; they count as the mean of their row, so places are recognised sooner after the
-    start. Raises ValueError if the newest frame has no scores. Older rows may be shorter.
-    """
-    if rows[0] is None:
-        raise ValueError('the newest frame of a sequence must be informative')
-    references = np.arange(len(rows[0]))
-    ends = references if ends is None else ends
-    dtype: Any = np.float32 if len(ends) == len(references) else np.float64
-    firsts, stops = bounds.spans(ends)
-    total, known = np.zeros(len(ends), dtype), np.zeros(len(ends), dtype)
-    scored = partial | (ends - len(rows) + 1 >= firsts)
-    for age, row in enumerate(rows):
-        if row is None or not len(row):
-            continue
-        met = ends - age
-        pairs = row.take(met, mode='clip')
-        is_known = (met >= firsts) & (met < np.minimum(stops, len(row))) & np.isfinite(pairs)
-        total += np.where(is_known, pairs, mean_score(row) if partial else np.float32(0))
-        known += is_known
-        if not age:
-            scored &= is_known
-    scored &= 2 * known >= len(rows)
-    number = dtype(sum(row is not None for row in rows)) if partial else known
-    return np.divide(total, number, out=np.full(len(ends), -np.inf, dtype), where=scored)
-
-
-def mean_score(row: Row) -> np.float32:
-    """Return the mean of the scores in a row, 0 if there are none."""
-    mean = np.mean(row, dtype=np.float64) if len(row) else 0.0
-    if not np.isfinite(mean):
-        known = row[np.isfinite(row)]
-        mean = np.mean(known, dtype=np.float64) if len(known) else 0.0
-    return np.float32(mean)

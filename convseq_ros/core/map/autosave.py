@@ -1,22 +1,16 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A session: recognisers with the map file that they use and, in online mode, extend."""
+"""Autosave: writes the places that are added to a map to its file, in the background."""
 
-from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from threading import Event, Lock, Thread
 import time
 
-from convseq_ros.config import Config, EncodingConfig, KeyframeConfig
-from convseq_ros.core.cameras import Cameras
-from convseq_ros.core.compiled import slow_path
-from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
-from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.database import MapLock
 from convseq_ros.core.map.edit import prune_looks
 from convseq_ros.core.map.online import Looks
-from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
@@ -161,82 +155,3 @@ class Autosave(NoAutosave):
         if self._is_in_place():
             return
         raise MapError(f'{self._path}: was moved or replaced; new places are not kept')
-
-
-class Session:
-    """
-    Opens a map and recognises its places; in online mode, also adds places and stores them.
-
-    In preloaded mode the file must exist and is never written; in online mode it is made if
-    missing, if `make` is True. Without a path the map is in memory: empty, and lost at the end.
-    `sources` are the names of the cameras, if there are several; `describe` is the map's
-    descriptor model, if it has one. MapError if the map cannot be opened or, in online mode,
-    cannot be written, or another program adds to it.
-    """
-
-    def __init__(
-        self,
-        path: Path | None,
-        config: Config,
-        make: bool = True,
-        sources: Sequence[str] = (),
-        describe: Describe | None = None,
-    ) -> None:
-        config = with_first_stage(config, describe)
-        self.path = path
-        self.is_growing = config.online.grows
-        self.is_persisted = path is not None and self.is_growing  # places are added to a file
-        self._problem = ''  # why places of the map have more than `max_looks` looks
-        encoding = with_mask_read(config.encoding, config.reading)
-        if path and self.is_growing:
-            max_looks = config.online.max_looks
-            settings = path, encoding, config.keyframes, None if make else True, True, max_looks
-            autosave = Autosave(*settings)
-            if autosave.has_surplus:  # after a crash, or made with a higher limit
-                try:
-                    autosave.close()
-                except MapError as error:  # such as a full disk: the map works without the limit
-                    self._problem = f'max_looks is ignored: {error}'
-                autosave = Autosave(*settings)
-            self.autosave: NoAutosave = autosave
-        elif path:
-            self.autosave = NoAutosave(open_map(path, encoding))
-        else:
-            self.autosave = NoAutosave(ReferenceMap(encoding, keyframes=config.keyframes))
-        reference_map = self.autosave.reference_map
-        # Call `save` after every frame.
-        self.save, self.flush = self.autosave.save, self.autosave.flush
-        self.close = self.autosave.close
-        try:
-            self.cameras = Cameras(reference_map, config, sources, describe=describe)
-        except BaseException:
-            self.close()
-            raise
-        self.recognizer = self.cameras.first  # of the first camera, which adds places
-        self.kernel = self.recognizer.matcher.kernel  # name of the kernel of pair scores
-        # Why this kernel is slow, with the remedy; empty if NumPy was chosen.
-        self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
-        # Distance between keyframes, of the map and by odometry of queries; 0 without a limit.
-        self.keyframes_m = reference_map.keyframes.keyframe_distance_m
-
-    @property
-    def ignored(self) -> list[str]:
-        """One line for each thing that is ignored: damaged links, a spacing unlike the map's."""
-        wanted, default = self.recognizer.config.keyframes.spacing, KeyframeConfig().spacing
-        used = self.recognizer.reference_map.keyframes.spacing
-        problems = self.recognizer.reference_map.problem, self._problem
-        return [problem for problem in problems if problem] + [
-            f'{name} {wanted[name]} is ignored: {self.path} was made with {used[name]}; build the '
-            'map again to change it'
-            for name in used
-            if wanted[name] not in (used[name], default[name])
-        ]
-
-    @property
-    def added(self) -> int:
-        """Number of places that were added in this session."""
-        return len(self.recognizer.reference_map) - self.recognizer.mapping.session_start
-
-    def warm_up(self) -> None:
-        """Prepare the cameras, so that the first frame is as fast as the others."""
-        self.cameras.warm_up()

@@ -1,0 +1,109 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The frame gate selects keyframes: the frames that are matched and become places.
+
+A near-duplicate test recognises most other frames in 0.1 ms.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from convseq_ros.config import Config, KeyframeConfig
+from convseq_ros.core.encoding.descriptor import blank_descriptor
+from convseq_ros.core.gate.dropped_frames import FRAME_DROPS, FrameDropDetector
+from convseq_ros.core.gate.near_duplicate import Glance, glance, NearnessByGlance
+from convseq_ros.core.gate.standstill import near, Standstill
+from convseq_ros.core.similarity.overlap import Overlap, PaperSimilarity
+from convseq_ros.core.types import Descriptor, Gray, Pose, Reason
+
+_EARLIEST = 0.9  # share of the interval between keyframes, as cameras are not exact
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The gate's decision about a frame."""
+
+    reason: Reason | None  # why the frame is not a keyframe; None for a keyframe
+    descriptor: Descriptor  # of the frame; blank if it was not needed
+    missing: int = 0  # keyframes that were dropped before it, by the stamps of a steady stream
+
+
+class FrameGate:
+    """Selects frames that differ enough in scene, time and pose, while the robot moves."""
+
+    def __init__(
+        self, config: Config, keyframes: KeyframeConfig, similarity: PaperSimilarity
+    ) -> None:
+        by_image = config.believes
+        self._similarity, self._blank = similarity, blank_descriptor(config.encoding)
+        self._standstill = Standstill(config.motion, by_image, similarity)
+        self._overlap = Overlap(config.encoding.saliency_threshold, config.matching.kernel)
+        self._drops = FrameDropDetector(FRAME_DROPS.memory if by_image else 0)
+        self._keyframes, self._by_scene = keyframes, keyframes.keyframe_overlap < 1.0
+        self._glances = NearnessByGlance()
+        self._interval_ns = round(_EARLIEST * keyframes.keyframe_interval_s * 1e9)
+        self.reset()
+
+    def reset(self) -> None:
+        self._standstill.reset()
+        self._drops.reset()
+        self._glances.reset()
+        self._last_ns: int | None = None  # stamp of the last keyframe; pose and scene as well
+        self._pose: Pose | None = None
+        self._scene: Descriptor | None = None
+
+    def check(
+        self,
+        stamp_ns: int,
+        pose: Pose | None,
+        encode: Callable[[], Descriptor],
+        gray: Gray | None = None,
+    ) -> Verdict:
+        """Return the verdict on the next frame; `encode` describes it if that is needed."""
+        self._drops.observe(stamp_ns)
+        if not self._is_due(stamp_ns, pose):
+            return Verdict(Reason.BETWEEN_KEYFRAMES, self._blank)
+        seen = None if gray is None else glance(gray)
+        still = self._standstill.is_sure(pose, seen)
+        # If scenes are compared, a still image does not decide yet: it may only set the reason.
+        if still and not (self._by_scene and self._standstill.needs_image(pose)):
+            return self._not_keyframe(still, pose, seen, self._blank)
+        if self._by_scene and self._glances.is_sure(seen):
+            return self._not_keyframe(still, pose, seen, self._blank)
+        descriptor = encode()
+        if self._by_scene:  # else uninformative frames are keyframes, too
+            if not descriptor.informative:
+                return Verdict(Reason.UNINFORMATIVE, descriptor)
+            share, last = self._keyframes.keyframe_overlap, self._scene
+            if last is not None and self._overlap(descriptor, last, share) > share:
+                self._glances.learn(seen, True)
+                return self._not_keyframe(still, pose, seen, descriptor)
+        # In the dark, noise alone may leave little overlap: compare the frames for standstill.
+        unchanged = self._standstill.check(descriptor, pose, seen)
+        self._glances.learn(seen, unchanged)
+        if unchanged:
+            return self._not_keyframe(still or not self._by_scene, pose, seen, descriptor)
+        if self._by_scene:
+            self._scene = descriptor
+        self._last_ns, self._pose = stamp_ns, pose or self._pose
+        return Verdict(None, descriptor, self._drops.observe_keyframe())
+
+    def _not_keyframe(
+        self, still: bool, pose: Pose | None, seen: Glance | None, descriptor: Descriptor
+    ) -> Verdict:
+        """Return the verdict on a frame at standstill, or close to the last keyframe."""
+        if still:
+            self._drops.observe_keyframe()
+            return Verdict(Reason.STATIONARY, descriptor)
+        self._standstill.note_passed(pose, seen)
+        return Verdict(Reason.BETWEEN_KEYFRAMES, descriptor)
+
+    def _is_due(self, stamp_ns: int, pose: Pose | None) -> bool:
+        if self._last_ns is None or stamp_ns < self._last_ns:
+            return True
+        if stamp_ns - self._last_ns < self._interval_ns:
+            return False
+        if pose is None or self._pose is None:
+            return True
+        return not near(pose, self._pose, self._keyframes.keyframe_distance_m)

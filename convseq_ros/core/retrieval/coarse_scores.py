@@ -1,0 +1,108 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Coarse scores: the similarity of a query and all references by their global descriptors.
+
+Both are whitened first, and the scores are summed along the drive.
+"""
+
+from collections.abc import Sequence
+
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.retrieval.track import Track
+from convseq_ros.core.retrieval.whitening import Centred, COARSE, DriveMean, sums_of, usual_of
+from convseq_ros.core.types import Descriptor, Halves, Indices, Row
+import numpy as np
+
+_GROUP = 64  # size of the groups of scores whose maxima are compared first
+
+
+class Coarse:
+    """
+    Selects the places that a query is scored with: all of them, as in the paper (III-D).
+
+    Subclasses select the likely places, of a map or of many shards.
+    """
+
+    _usable = 0
+
+    def reset(self) -> None: ...
+
+    def update(self, _descriptor: Descriptor, usable: int) -> None:
+        """Take in a query, each only once, which may match the first `usable` references."""
+        self._usable = usable
+
+    def best(self, _along: int, _newest: int, _passed: Sequence[range] = ()) -> Indices:
+        """
+        Return the likeliest places, ascending, without those in the ranges `passed`.
+
+        `along` of them are chosen by the sums along the drive, `newest` by the newest query alone.
+        """
+        return np.arange(self._usable)
+
+
+class CoarseScores(Coarse):
+    """
+    Scores a query against all references: 1.5 ms and 50 MB at 100,000, in proportion to the map.
+
+    The means of the session and of the drive are subtracted: this removes what night, season or
+    surroundings do to every image. Numbers are divided by the fourth root of their standard
+    deviation in both, so that those that lamps change most do not dominate.
+    """
+
+    def __init__(self, reference_map: ReferenceMap, both: bool = False) -> None:
+        self._map, self._track = reference_map, Track(both)
+        self.row: Row = np.zeros(0, np.float32)  # cosines with the first references
+        self._begin(reference_map.global_descriptors[:0])
+
+    def _begin(self, nothing: Halves) -> None:
+        """Start without places; the vectors' length is known from a model's first one."""
+        numbers = nothing.shape[1]
+        self._sums, self._counted = np.zeros((2, numbers)), 0
+        self._usual, self._drive = usual_of(self._sums, 0), DriveMean(numbers)
+        self._centred = Centred(self._usual, nothing, np.zeros(1, np.int64))
+
+    def reset(self) -> None:
+        self._drive.reset()
+        self._track.reset()
+
+    def update(self, descriptor: Descriptor, usable: int | None = None) -> None:
+        """Take in a query, each only once; `row` then has its scores, (usable,)."""
+        references, starts = self._map.global_descriptors[:usable], self._map.bounds.starts
+        if references.shape[1] != self._sums.shape[1]:
+            self._begin(references[:0])
+        self._follow_map(references, starts)
+        direction = self._drive.update(descriptor, self._usual)
+        self.row = self._centred.row(references, starts, direction)
+        self._track.update(self.row, starts)
+
+    def best(self, along: int, newest: int, passed: Sequence[range] = ()) -> Indices:
+        """Return the likeliest places, ascending: see `Coarse.best`."""
+        return np.union1d(top(self._track.sums, along, passed), top(self.row, newest, passed))
+
+    def _follow_map(self, references: Halves, starts: Indices) -> None:
+        if len(references) > COARSE.averaged_anew * self._counted:
+            self._sums += sums_of(references[self._counted :])
+            self._counted = len(references)
+            self._usual = usual_of(self._sums, self._counted)
+            self._centred = Centred(self._usual, references, starts)
+        self._centred.follow(references, starts)
+
+
+def top(scores: Row, count: int, passed: Sequence[range] = ()) -> Indices:
+    """Return the indices of the `count` best scores, best first, none in the ranges `passed`."""
+    if passed:
+        scores = scores.copy()
+        for indices in passed:
+            scores[max(0, indices.start) : max(0, indices.stop)] = -np.inf
+    if not count:
+        return np.zeros(0, np.int64)
+    groups = len(scores) // _GROUP
+    if groups > count:
+        # `count` groups have a maximum of at least this threshold, so no best score is below it.
+        best = scores[: groups * _GROUP].reshape(_GROUP, groups).max(axis=0)
+        likely = np.flatnonzero(scores >= np.partition(best, groups - count)[groups - count])
+    else:
+        likely = np.arange(len(scores))
+    best_first = likely[np.argsort(-scores[likely], kind='stable')][:count]
+    return best_first[np.isfinite(scores[best_first])]
