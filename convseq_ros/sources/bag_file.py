@@ -22,10 +22,12 @@ def index(path: Path, reading: ReadingConfig) -> Index:
             name: Topic(name, info.msgtype or 'several types', int(info.msgcount))
             for name, info in reader.topics.items()
         }
-        return Index(topics, max(0, int(reader.duration)) / 1e9)
+        return Index(topics, int(reader.start_time), int(reader.end_time))
 
 
-def messages(path: Path, reading: ReadingConfig, topic: str) -> Iterator[RawMessage]:
+def messages(
+    path: Path, reading: ReadingConfig, topic: str, _report: Any = None
+) -> Iterator[RawMessage]:
     """Yield the messages of a topic in order of recording; a damaged one has no content."""
     with _opened(path, reading) as reader:
         chosen = [item for item in reader.connections if item.topic == topic]

@@ -10,6 +10,7 @@ import shutil
 import sqlite3
 import struct
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import SourceError
@@ -38,10 +39,12 @@ def index(path: Path, reading: ReadingConfig) -> Index:
         rows = database.execute(_TOPICS).fetchall()
         topics = merge_topics({name: Topic(name, kind, count)} for name, kind, count in rows)
         first, last = database.execute(_TIMES).fetchone()
-    return Index(topics, max(0, (last or 0) - (first or 0)) / 1e9)
+    return Index(topics, first or 0, last or 0)
 
 
-def messages(path: Path, reading: ReadingConfig, topic: str) -> Iterator[RawMessage]:
+def messages(
+    path: Path, reading: ReadingConfig, topic: str, _report: Any = None
+) -> Iterator[RawMessage]:
     """Yield the messages of a topic in order of recording; each may be compressed."""
     with _opened(path, reading) as database:
         for stamp_ns, kind, data in database.execute(_MESSAGES, (topic,)):

@@ -30,6 +30,7 @@ class TopicMessages:
     """
     The messages of a recording's topic, chosen by `choose_topic`; can be iterated again.
 
+    `warnings` grow while messages are read: a line for each file that lost some to damage.
     SourceError if there is no such topic; while iterating, if the recording is damaged.
     """
 
@@ -44,12 +45,18 @@ class TopicMessages:
         self.storages, self.warnings = open_storage(path, reading)
         topics = merge_topics(storage.topics for storage in self.storages)
         self.chosen = choose_topic(path, topics, topic, types, option)
+        self.has_lost = False  # messages, as its warnings tell
 
     def __iter__(self) -> Iterator[RawMessage]:
         for storage in self.storages:
-            for message in storage.messages(self.chosen.name):
+            for message in storage.messages(self.chosen.name, self._note_loss):
                 if message.type_name == self.chosen.type_name:
                     yield message
+
+    def _note_loss(self, line: str) -> None:
+        self.has_lost = True
+        if line not in self.warnings:
+            self.warnings.append(line)
 
 
 class Recording:
@@ -108,7 +115,7 @@ class Recording:
                 f'{self._path}: none of the {self._count} images of {self.topic} that its index '
                 'lists is there; record again'
             )
-        if count != self._count:
+        if count != self._count and not self._messages.has_lost:
             self._warn(
                 f'{self._path}: {count} images of {self.topic} were read, but its index lists '
                 f'{self._count}; it may be damaged'

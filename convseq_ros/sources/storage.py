@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One interface to the files of a recording, complete or damaged."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 import re
 from typing import Any
@@ -13,7 +13,7 @@ from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources import bag_file, database_file, mcap_file
 from convseq_ros.sources.folder import natural_key
 from convseq_ros.sources.raw_message import RawMessage
-from convseq_ros.sources.topics import typestore
+from convseq_ros.sources.topics import ForeignRecording, typestore
 
 _FORMATS: dict[str, tuple[Any, str]] = {
     '.mcap': (mcap_file, 'mcap recover'),
@@ -25,7 +25,7 @@ _NAME = re.compile(r'(\.mcap|\.db3|\.bag)(\.zstd)?$')
 
 class Storage:
     """
-    One file of a recording: its `topics` by name, and `duration_s` from first to last message.
+    One file of a recording: its `topics` by name, and when its first and last message came.
 
     `damage` describes the damage of a file that can be read in part; otherwise it is empty.
     SourceError if nothing can be read; while iterating, at unexpected damage.
@@ -43,21 +43,35 @@ class Storage:
         self._format, repair = _FORMATS[name[1]]
         self._advice = f'repair it with `{repair}` or record again'
         try:
-            self.topics, self.duration_s, damage = self._format.index(path, reading)
+            self.topics, self.start_ns, self.end_ns, damage = self._format.index(path, reading)
         except ImportError as error:
             package = (error.name or '').partition('.')[0]
             raise SourceError(f'{path}: {package} is missing; {pip_install(package)}') from None
+        except ForeignRecording as error:
+            raise SourceError(f'{path}: {error}') from None
         except Exception as error:
             raise SourceError(
                 f'{path}: not a readable recording ({one_line(error)}); {self._advice}'
             ) from None
         self.damage = f'{path}: {damage}' if damage else ''
 
-    def messages(self, topic: str) -> Iterator[RawMessage]:
-        """Yield the messages of a topic as recorded; each call starts anew."""
+    @property
+    def duration_s(self) -> float:
+        """Time from the first message to the last."""
+        return max(0, self.end_ns - self.start_ns) / 1e9
+
+    def messages(
+        self, topic: str, warn: Callable[[str], None] = lambda _line: None
+    ) -> Iterator[RawMessage]:
+        """
+        Yield the messages of a topic as recorded; each call starts anew.
+
+        At the end, `warn` gets a line if messages were left out as damaged.
+        """
+        report = lambda line: warn(f'{self.path}: {line}')  # noqa: E731
         count = 0
         try:
-            for message in self._format.messages(self.path, self._reading, topic):
+            for message in self._format.messages(self.path, self._reading, topic, report):
                 yield message
                 count += 1
         except Exception as error:

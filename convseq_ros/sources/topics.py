@@ -38,8 +38,13 @@ class Index(NamedTuple):
     """The content of a recording's file, available before its messages are read."""
 
     topics: dict[str, Topic]
-    duration_s: float  # from the first message of any topic to the last
+    start_ns: int  # when the first message of any topic was recorded
+    end_ns: int  # when the last one was
     damage: str = ''  # of a file that can be read in part; else empty
+
+
+class ForeignRecording(SourceError):
+    """A whole recording, but not of ROS."""
 
 
 def merge_topics(tables: Iterable[Mapping[str, Topic]]) -> dict[str, Topic]:

@@ -1,0 +1,115 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Chunks of an mcap that do not suit their checksums, and an mcap of other programs."""
+
+from convseq_ros.errors import SourceError
+from convseq_ros.sources import open_source
+from convseq_ros.sources.recording import read_poses
+from mcap.reader import make_reader
+from mcap.writer import Writer
+import numpy as np
+import pytest
+import recordings
+
+TOPIC = '/camera/image_raw'
+PACKED = ['mcap plain', 'mcap zstd', 'mcap lz4']
+
+
+def chunks_of(path):
+    """Return for each chunk where it starts, where its data ends, and its number of images."""
+    with path.open('rb') as file:
+        summary = make_reader(file).get_summary()
+        logged = [*make_reader(file).iter_messages(TOPIC)]
+    chunks = []
+    for chunk in summary.chunk_indexes:
+        times = chunk.message_start_time, chunk.message_end_time
+        count = sum(times[0] <= message.log_time <= times[1] for *_, message in logged)
+        start = chunk.chunk_start_offset
+        chunks.append((start, start + chunk.chunk_length, count))
+    return chunks
+
+
+def flip(path, position):
+    damaged = bytearray(path.read_bytes())
+    damaged[position] ^= 1
+    path.write_bytes(damaged)
+
+
+@pytest.mark.parametrize('layout', PACKED)
+@pytest.mark.parametrize('number', [0, 1])
+def test_a_flipped_bit_costs_a_chunk_and_is_told_in_a_line(write, layout, number, pictures):
+    path = write(layout, recordings.drive(pictures))
+    chunks = chunks_of(path)
+    assert len(chunks) > 2
+    start, end, lost = chunks[number]
+    flip(path, end - 100)
+    source = open_source(path)
+    for _ in range(2):
+        frames = list(source)
+        first = sum(count for *_, count in chunks[:number])
+        kept = [*pictures[:first], *pictures[first + lost :]]
+        np.testing.assert_array_equal([frame.gray for frame in frames], kept)
+        assert source.warnings == [
+            f'{path}: {lost} messages of {TOPIC} in a damaged chunk at byte {start} are left out'
+        ]
+
+
+def test_several_damaged_chunks_are_one_line(write, pictures):
+    path = write('mcap plain', recordings.drive(pictures))
+    chunks = chunks_of(path)
+    for _, end, _ in chunks[1:3]:
+        flip(path, end - 100)
+    source = open_source(path)
+    lost = chunks[1][2] + chunks[2][2]
+    assert len(list(source)) == 12 - lost
+    (line,) = source.warnings
+    assert (
+        f'{lost} messages of {TOPIC} in damaged chunks, the first at byte {chunks[1][0]}' in line
+    )
+
+
+def test_without_an_index_a_damaged_chunk_still_names_its_topics(write, pictures):
+    path = write('mcap plain', recordings.drive(pictures))
+    (start, end, lost), *_ = chunks_of(path)
+    flip(path, end - 100)
+    path.write_bytes(path.read_bytes()[:-20])
+    source = open_source(path)
+    assert len(list(source)) == 12 - lost
+    assert any(f'at byte {start} are left out' in line for line in source.warnings)
+
+
+def test_a_damaged_chunk_without_a_topic_costs_it_nothing(write, pictures):
+    odometry = [('/odom', i + 1, recordings.odometry(float(i), i + 1)) for i in range(5)]
+    path = write('mcap plain', [*odometry, *recordings.drive(pictures)])
+    flip(path, chunks_of(path)[-1][1] - 100)
+    assert len(read_poses(path, '/odom')) == 5
+
+
+@pytest.mark.parametrize('is_whole', [True, False])
+@pytest.mark.parametrize(
+    ('encoding', 'kind', 'remedy'),
+    [
+        ('ros1', 'sensor_msgs/Image', 'give the .bag that it was made of'),
+        ('json', 'Photo', 'convert it'),
+        ('protobuf', 'foxglove.CompressedImage', 'convert it'),
+    ],
+)
+def test_an_mcap_that_ros_2_did_not_write_says_what_it_is(
+    tmp_path, encoding, kind, remedy, is_whole
+):
+    path = tmp_path / 'drive.mcap'
+    with path.open('wb') as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema(kind, encoding, b'')
+        channel = writer.register_channel('/photo', encoding, schema)
+        writer.add_message(channel, 1, b'{}', 1)
+        writer.finish()
+    if not is_whole:
+        path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(SourceError) as caught:
+        open_source(path)
+    assert str(caught.value) == (
+        f'{path}: its messages are {encoding}, such as /photo ({kind}), and not cdr as ROS 2 '
+        f'writes them; {remedy}'
+    )
