@@ -130,7 +130,8 @@ def answers_of_the_node(recording, map_path, encoding, path, topics):
     part = path.with_name(path.name + '.part')
     try:
         for topic in topics or ['/image']:
-            player = 'convseq_ros.node.player', recording, '--rate', '6', '--image-topic', topic
+            options = '--rate', '6', '--remap', f'/camera:={topic}'
+            player = 'convseq_ros.node.player', recording, *options
             subprocess.run(
                 [*python, *player], cwd=path.parent, env=environment, check=True, timeout=60
             )

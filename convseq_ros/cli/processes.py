@@ -19,7 +19,8 @@ from convseq_ros.errors import ConvseqError, NEEDS_ROS, pip_install
 from convseq_ros.io.results import read_results
 from convseq_ros.node.process import fast_dds, LARGE_IMAGES, SIGNALS
 
-ODOM, CAMERA_INFO = '/odom', '/camera/camera_info'  # topics of drawn recordings
+# Topics of drawn recordings.
+IMAGE, ODOM, CAMERA_INFO = '/camera/image_raw', '/odom', '/camera/camera_info'
 _END_S = 10.0
 _STALLED_S = 20.0
 
@@ -101,16 +102,16 @@ def become_node(module: str, arguments: Sequence[str]) -> NoReturn:
 
 def player_arguments(recording: Path, rate: float) -> list[str]:
     """Return Python's arguments to play a drawn recording, with all its topics, to a node."""
-    module = ['-m', 'convseq_ros.node.player', str(recording), '--rate', f'{rate:g}']
-    return [
-        *module,
-        '--odom',
-        ODOM,
-        '--camera-info',
-        CAMERA_INFO,
-        '--wait-subscribers',
-        _NODE_STARTS_S,
-    ]
+    options = {
+        '--rate': f'{rate:g}',
+        '--odom': ODOM,
+        '--camera-info': CAMERA_INFO,
+        '--wait-subscribers': _NODE_STARTS_S,
+    }
+    words = [word for option in options.items() for word in option]
+    for topic, name in ((IMAGE, 'image'), (CAMERA_INFO, 'camera_info')):
+        words += ['--remap', f'{topic}:=/{name}']
+    return ['-m', 'convseq_ros.node.player', str(recording), *words]
 
 
 @contextmanager

@@ -3,15 +3,10 @@
 """Publishes a recording or a folder of pictures on live topics, with /clock."""
 
 import argparse
-from collections.abc import Iterator
-import heapq
-from itertools import chain
 import math
 from pathlib import Path
-import struct
 import sys
 import time
-from typing import NamedTuple
 
 from convseq_ros.node.process import check_logs, end_on_signal, hand_over, run_node
 
@@ -20,24 +15,27 @@ if __name__ == '__main__':
     run_node('convseq_ros.node.player')
 
 from convseq_ros.config.reading_config import add_reading, chosen_reading
-from convseq_ros.errors import ConvseqError, SourceError
-from convseq_ros.node.conversions import image_message, stamp_from_ns
+from convseq_ros.errors import ConvseqError, one_line
+from convseq_ros.node.conversions import stamp_from_ns
+from convseq_ros.node.cues import Cue, cues_of, IMAGE, images_of
 from convseq_ros.sources import open_source, Source
-from convseq_ros.sources.raw_message import RawMessage, STAMP_END
-from convseq_ros.sources.recording import Recording, TopicMessages
+from convseq_ros.sources.recording import TopicMessages
 from convseq_ros.sources.topics import CAMERA_TYPES, ODOMETRY_TYPES
 from nav_msgs.msg import Odometry
 import rclpy
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import ok, remove_ros_args, try_shutdown
+from rclpy.utilities import ok, try_shutdown
+from rclpy.validate_full_topic_name import validate_full_topic_name
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
-from std_msgs.msg import Header
 
+_NAME = 'convseq_player'
 _TICK_S = 0.01
 # Fast DDS sends larger messages in fragments, which are acknowledged at once. Smaller messages are
 # acknowledged every 3 s only, so they need a longer history instead of pauses.
@@ -45,87 +43,19 @@ _FRAGMENTED_BYTES = 65_000
 _DEPTH_FRAGMENTED, _UNACKNOWLEDGED = 100, 50
 _DEPTH_WHOLE = 1000
 _ACKNOWLEDGE_S, _ACKNOWLEDGE_POLL_S = 10.0, 0.2
-_COMPRESSED = '/compressed'
-_IMAGE = 'image'
 _SIDES = {'odom': (Odometry, ODOMETRY_TYPES), 'camera_info': (CameraInfo, CAMERA_TYPES)}
-_LEAD_NS = 1_000_000_000  # by which other topics start before the first image
 _SIDES_WAIT_S, _SIDES_ACKNOWLEDGE_S = 2.0, 4.0
-
-
-class Cue(NamedTuple):
-    """A message, its time in the recording in nanoseconds, and the topic that it goes to."""
-
-    stamp_ns: int
-    topic: str
-    message: bytes | Image
-
-
-def images_of(source: Source) -> Iterator[Cue]:
-    if isinstance(source, Recording):
-        for message in source.messages():
-            yield Cue(message.stamp_ns, _IMAGE, _stamped(message))
-        return
-    for frame in source:
-        if frame.gray is not None:
-            image = image_message(frame.gray, Header(stamp=stamp_from_ns(frame.stamp_ns)))
-            yield Cue(frame.stamp_ns, _IMAGE, image)
-        elif frame.problem not in source.warnings:
-            source.warnings.append(frame.problem)
-
-
-def cues_of(source: Source, start_s: float, sides: dict[str, TopicMessages]) -> Iterator[Cue]:
-    """Yield the images from `start_s` on, and other topics from 1 s before the first image."""
-    images = images_of(source)
-    begin_ns: int | None = None
-    for first in images:
-        begin_ns = begin_ns or first.stamp_ns + round(start_s * 1e9)
-        if first.stamp_ns >= begin_ns:
-            break
-    else:
-        raise SourceError(f'{source.name}: no images from --start {start_s:g} s on')
-    later = (cue for cue in images if cue.stamp_ns >= begin_ns)
-    beside = [_beside(name, sides[name], first.stamp_ns - _LEAD_NS) for name in sides]
-    yield from heapq.merge(*beside, chain((first,), later), key=lambda cue: cue.stamp_ns)
-
-
-def _beside(topic: str, messages: TopicMessages, begin_ns: int) -> Iterator[Cue]:
-    """Yield the messages from a time on, and the last one before it, which may still be valid."""
-    last: Cue | None = None
-    for message in messages:
-        if len(message.cdr) < STAMP_END:
-            continue
-        cue = Cue(message.stamp_ns, topic, _stamped(message))
-        if cue.stamp_ns >= begin_ns:
-            yield from (item for item in (last, cue) if item)
-            last = None
-        else:
-            last = cue
-    if last:
-        yield last
-
-
-def _stamped(message: RawMessage) -> bytes:
-    """Return a message; a stamp of zero, which means none to ROS, is filled in."""
-    if message.header_stamp_ns:
-        return message.cdr
-    cdr = bytearray(message.cdr)
-    stamp = stamp_from_ns(message.stamp_ns)
-    struct.pack_into('<iI' if cdr[1] & 1 else '>iI', cdr, 4, stamp.sec, stamp.nanosec)
-    return bytes(cdr)
 
 
 class Player(Node):
     """Plays a source once or in a loop; `options` are those of `parser`."""
 
     def __init__(self, source: Source, options: argparse.Namespace) -> None:
-        super().__init__('convseq_player')
+        super().__init__(_NAME)
         self._source, self._options, self._sent = source, options, 0
         # Stamp of the first image of this round, and when it was sent (monotonic).
         self._begun: tuple[int, int] | None = None
         compressed = getattr(source, 'type_name', '').endswith('CompressedImage')
-        topic = self.resolve_topic_name(options.image_topic)
-        if compressed and not topic.endswith(_COMPRESSED):
-            topic += _COMPRESSED
         best_effort = options.best_effort
         reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
         reading = chosen_reading(options)
@@ -140,12 +70,12 @@ class Player(Node):
         depth = _DEPTH_FRAGMENTED if self._large else _DEPTH_WHOLE
         # Images last: a node that discovers them has discovered the others.
         self._sides: dict[str, Publisher] = {
-            name: self.create_publisher(_SIDES[name][0], name, _DEPTH_WHOLE)
-            for name in self._beside
+            name: self.create_publisher(_SIDES[name][0], messages.chosen.name, _DEPTH_WHOLE)
+            for name, messages in self._beside.items()
         }
         self._images: Publisher = self.create_publisher(
             CompressedImage if compressed else Image,
-            topic,
+            source.topic or IMAGE,
             QoSProfile(depth=depth, reliability=reliability),
         )
         self._clock_topic: Publisher = self.create_publisher(
@@ -181,7 +111,7 @@ class Player(Node):
     def _play_once(self) -> None:
         self._begun, before = None, self._sent
         for cue in cues_of(self._source, self._options.start, self._beside):
-            is_first = cue.topic == _IMAGE and self._sent == before
+            is_first = cue.kind == IMAGE and self._sent == before
             if is_first and before:
                 self._begun = cue.stamp_ns, time.monotonic_ns()
             elif is_first:
@@ -199,8 +129,8 @@ class Player(Node):
             _progress(self._sent, len(self._source), self._options.loop)
 
     def _send(self, cue: Cue) -> None:
-        if cue.topic != _IMAGE:
-            self._sides[cue.topic].publish(cue.message)
+        if cue.kind != IMAGE:
+            self._sides[cue.kind].publish(cue.message)
             return
         self._images.publish(cue.message)
         self._sent += 1
@@ -247,17 +177,19 @@ def _progress(sent: int, total: int, loop: bool) -> None:
 def parser() -> argparse.ArgumentParser:
     result = argparse.ArgumentParser(
         prog='convseq play',
-        description='Publish the images of a recording, or of a folder of pictures, and /clock.',
+        description='Publish the images of a recording on their topic, or pictures on /image, '
+        'and /clock.',
+        allow_abbrev=False,
     )
     result.add_argument('recording', type=Path, metavar='RECORDING')
     result.add_argument('--topic', default='', help='image topic of the recording, if several')
     # A table of options reads better in few lines.
     # fmt: off
-    result.add_argument('--image-topic', default='/image', metavar='NAME', help='topic to publish '
-        'on; compressed images go to NAME/compressed (default: /image)')
     for name, (kind, _) in _SIDES.items():
         result.add_argument(_option(name), default='', metavar='TOPIC',
-            help=f'also publish this {kind.__name__} topic of the recording, on `{name}`')
+            help=f'also publish this {kind.__name__} topic of the recording')
+    result.add_argument('--remap', action='append', type=_rule, default=[], metavar='FROM:=TO',
+        help='publish a topic under another name; may be given more than once')
     result.add_argument('--rate', type=_positive, default=1.0, metavar='FACTOR',
         help='speed (default: 1)')
     result.add_argument('--start', type=_seconds, default=0.0, metavar='S',
@@ -276,6 +208,17 @@ def _option(name: str) -> str:
     return '--' + name.replace('_', '-')
 
 
+def _rule(text: str) -> str:
+    old, _, new = text.partition(':=')
+    if not (old and new) or ' ' in text:
+        raise argparse.ArgumentTypeError(f'{text!r} is not of the form FROM:=TO')
+    try:
+        validate_full_topic_name(expand_topic_name(new, _NAME, '/'))
+    except (InvalidTopicNameException, ValueError) as error:
+        raise argparse.ArgumentTypeError(one_line(error)) from None
+    return text
+
+
 def _seconds(text: str) -> float:
     value = float(text)
     if not 0.0 <= value < math.inf:
@@ -292,13 +235,19 @@ def _positive(text: str) -> float:
 
 def main(args: list[str] | None = None) -> int:
     """Play until the end, or until SIGINT or SIGTERM; return the exit code."""
-    argv = sys.argv if args is None else ['convseq play', *args]
-    options = parser().parse_args(remove_ros_args(argv)[1:])
+    words = sys.argv[1:] if args is None else args
+    end = words.index('--ros-args') if '--ros-args' in words else len(words)
+    options = parser().parse_args(words[:end])
+    rules = [word for rule in options.remap for word in ('-r', rule)]
     end_on_signal(0)
     try:
         source = open_source(options.recording, options.topic, chosen_reading(options))
         check_logs()
-        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            ros_arguments = ['--ros-args', *rules, *words[end + 1 :]]
+            rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as error:
+            raise ConvseqError(f'--remap or --ros-args: {one_line(error)}') from None
         hand_over(try_shutdown)
         Player(source, options).play()
     except (ConvseqError, OSError) as error:

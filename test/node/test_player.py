@@ -15,13 +15,14 @@ import cv2
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 import numpy as np
+from pictures import written
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, Image
-from std_msgs.msg import Int32
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header, Int32
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND
@@ -60,13 +61,16 @@ def stamps_of(messages):
     return [stamp_to_ns(message.header.stamp) for message in messages]
 
 
-def hear(client, start, kind, topic, *args):
-    """Return what a subscriber gets of a whole run of the player."""
+def hear(client, start, kind, topic, *args, told=None):
+    """Return what a subscriber gets of a whole run of the player; add to `told` what it says."""
     messages = []
     subscription = client.node.create_subscription(kind, topic, messages.append, 1000)
     process = start('player', *args)
     client.wait_for(lambda: process.poll() is not None, 'the end of the player')
-    assert process.returncode == 0, process.communicate()
+    _, errors = process.communicate()
+    assert process.returncode == 0, errors
+    if told is not None:
+        told += errors.splitlines()
     # All of it has arrived, or the player had not ended; it need not have been looked at yet.
     while taken := subscription.handle.take_message(kind, False):
         messages.append(taken[0])
@@ -74,10 +78,36 @@ def hear(client, start, kind, topic, *args):
 
 
 def test_every_image_arrives_unchanged(client, start, recording, pictures):
-    messages = hear(client, start, Image, '/image', recording, '--rate', 10)
+    messages = hear(client, start, Image, '/camera', recording, '--rate', 10)
     assert stamps_of(messages) == [START_NS + index * STEP_NS for index in range(10)]
     for message, gray in zip(messages, pictures, strict=False):
         assert np.array_equal(image_pixels(message), gray)
+
+
+def test_a_topic_is_played_under_another_name(client, start, recording):
+    rules = '--remap', '/camera:=/front', '--remap', '/other:=/rear'
+    assert len(hear(client, start, Image, '/front', recording, '--rate', 10, *rules)) == 10
+
+
+def test_compressed_images_keep_the_name_of_their_topic(client, start, pictures, tmp_path):
+    png = cv2.imencode('.png', pictures[0])[1].tobytes()
+    stamp = stamp_from_ns(START_NS)
+    message = CompressedImage(header=Header(stamp=stamp), format='png', data=png)
+    record(tmp_path / 'drive', [(START_NS, message)])
+    (heard,) = hear(client, start, CompressedImage, '/camera', tmp_path / 'drive')
+    assert heard == message
+
+
+def test_pictures_are_played_on_image_and_unreadable_ones_are_told(
+    client, start, pictures, tmp_path
+):
+    folder = written(tmp_path / 'pictures', pictures[:3])
+    (folder / '001.png').write_text('no picture')
+    errors = []
+    messages = hear(client, start, Image, '/image', folder, told=errors)
+    assert stamps_of(messages) == [SECOND // 10, 3 * SECOND // 10]
+    (error,) = errors
+    assert error.startswith(f'convseq play: {folder / "001.png"}: not a readable picture (data: ')
 
 
 def test_odometry_and_camera_info_are_played_between_the_images(
@@ -97,10 +127,10 @@ def test_odometry_and_camera_info_are_played_between_the_images(
         info=[(early_ns - SECOND, info), (early_ns, info)],
     )
     heard = []
-    for kind, topic in ((Odometry, '/odom'), (CameraInfo, '/camera_info')):
+    for kind, topic in ((Odometry, '/wheels'), (CameraInfo, '/info')):
         client.node.create_subscription(kind, topic, heard.append, 1000)
     options = '--rate 10 --odom /wheels --camera-info /info --start 0.3'.split()
-    images = hear(client, start, Image, '/image', tmp_path / 'drive', *options)
+    images = hear(client, start, Image, '/camera', tmp_path / 'drive', *options)
     assert stamps_of(images) == [START_NS + index * STEP_NS for index in (1, 2, 3, 4)]
     # The second before the first image, and the last that was said before that.
     ways = [message for message in heard if isinstance(message, Odometry)]
@@ -117,7 +147,7 @@ def test_the_clock_runs_with_the_images_at_the_rate(client, start, recording):
         Clock, '/clock', lambda message: clock.append(stamp_to_ns(message.clock)), BEST_EFFORT
     )
     before_s = time.monotonic()
-    messages = hear(client, start, Image, '/image', recording, '--rate', 1.5)
+    messages = hear(client, start, Image, '/camera', recording, '--rate', 1.5)
     took_s = time.monotonic() - before_s
     # At 1.5 times their speed, 2.7 s take 1.8 s, or longer on a busy machine, but never less.
     assert took_s > 1.8
@@ -134,7 +164,8 @@ def test_a_node_on_the_time_of_the_recording_survives_a_loop(client, start, reco
     heard = client.listen(Int32, '/vpr_node/match_index')
     diagnostics = client.listen(DiagnosticArray, '/diagnostics')
     client.wait_until_known_to('/vpr_node')
-    player = start('player', recording, '--rate', 1.5, '--start', 0.6, '--loop')
+    rule = '--remap', '/camera:=/image'
+    player = start('player', recording, '--rate', 1.5, '--start', 0.6, '--loop', *rule)
     client.wait_for(lambda: len(heard) >= 12, 'a second round')
     client.wait_for(lambda: START_NS <= stamps_of(diagnostics)[-1] < START_NS + 10 * SECOND)
     player.send_signal(signal.SIGINT)
@@ -155,8 +186,10 @@ def test_it_plays_to_nobody_if_told_so(start, recording):
         ('drive --topic /rear', 1, '/camera'),
         ('drive --odom /wheels', 1, 'no Odometry messages'),
         ('drive --start 99 --wait-subscribers 0', 1, 'no images from --start 99 s on'),
-        ('drive --wait-subscribers 0.1', 1, '/image: nobody subscribes after 0.1 s; start vpr_no'),
+        ('drive --wait-subscribers 0.1', 1, '/camera: nobody subscribes after 0.1 s; start'),
         ('drive --rate 0', 2, '--rate'),
+        ('drive --remap /image', 2, "'/image' is not of the form FROM:=TO"),
+        ('drive --remap /camera:=/a//b', 2, 'Invalid topic name'),
     ],
 )
 def test_what_cannot_be_played_says_why(start, recording, words, code, reason):
