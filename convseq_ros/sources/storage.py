@@ -3,12 +3,14 @@
 """One interface to the files of a recording, complete or damaged."""
 
 from collections.abc import Callable, Iterator
+from itertools import takewhile
 from pathlib import Path
 import re
 from typing import Any
 
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.errors import one_line, pip_install, SourceError
+from convseq_ros.errors import ConfigError, one_line, pip_install, SourceError
+from convseq_ros.io.files import read_yaml
 from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources import bag_file, database_file, mcap_file
 from convseq_ros.sources.folder import natural_key
@@ -20,6 +22,7 @@ _FORMATS: dict[str, tuple[Any, str]] = {
     '.db3': (database_file, 'sqlite3 FILE .recover'),
     '.bag': (bag_file, 'rosbag reindex'),
 }
+_DISORDER_NS = 1_000_000_000  # by which recorders write messages too late
 _NAME = re.compile(r'(\.mcap|\.db3|\.bag)(\.zstd)?$')
 
 
@@ -59,6 +62,28 @@ class Storage:
     def duration_s(self) -> float:
         """Time from the first message to the last."""
         return max(0, self.end_ns - self.start_ns) / 1e9
+
+    @property
+    def count(self) -> int:
+        """Number of messages of all topics."""
+        return sum(topic.count for topic in self.topics.values())
+
+    def is_part_of(self, other: 'Storage') -> bool:
+        """Return whether another file has these topics, these times and the first message."""
+        filled = [topic for topic in self.topics.values() if topic.count]
+        if not filled or not (other.start_ns <= self.start_ns and self.end_ns <= other.end_ns):
+            return False
+        for topic in filled:
+            if topic.name not in other.topics or topic.count > other.topics[topic.name].count:
+                return False
+        name = max(filled, key=lambda topic: topic.count).name
+        try:
+            first = next(self.messages(name))
+            last_ns = first.log_time_ns + _DISORDER_NS
+            soon = takewhile(lambda item: item.log_time_ns <= last_ns, other.messages(name))
+            return first in soon
+        except (SourceError, StopIteration):
+            return False
 
     def messages(
         self, topic: str, warn: Callable[[str], None] = lambda _line: None
@@ -105,9 +130,9 @@ def open_storage(
     problem = SourceError(
         f'{path}: no recording in this folder; expected a .mcap, .db3 or .bag file'
     )
-    warnings: list[str] = []
+    files, warnings = _files_of(path, reading)
     storages: list[Storage] = []
-    for file in filter(is_storage_file, sorted(path.iterdir(), key=natural_key)):
+    for file in files:
         try:
             storages.append(Storage(file, reading))
         except SourceError as error:
@@ -115,4 +140,47 @@ def open_storage(
             warnings.append(f'{error}; the file was left out')
     if not storages:
         raise problem
-    return storages, warnings
+    return _without_copies(storages, warnings), warnings
+
+
+def _files_of(folder: Path, reading: ReadingConfig) -> tuple[list[Path], list[str]]:
+    """Return the files that a folder's metadata.yaml names, or all, and a line on the others."""
+    files = [file for file in sorted(folder.iterdir(), key=natural_key) if is_storage_file(file)]
+    present, named = {file.name for file in files}, _named_in(folder / 'metadata.yaml', reading)
+    chosen: set[str] = set()
+    for name in named:
+        # A file may have been compressed, or decompressed, since it was recorded.
+        forms = name, f'{name}.zstd', name.removesuffix('.zstd')
+        chosen.update([form for form in forms if form in present][:1])
+    if not chosen:
+        return files, []
+    warnings: list[str] = []
+    if others := [file.name for file in files if file.name not in chosen]:
+        warnings.append(
+            f'{folder}: metadata.yaml does not name {", ".join(others)}; left out: remove '
+            'metadata.yaml to read all files'
+        )
+    return [file for file in files if file.name in chosen], warnings
+
+
+def _named_in(metadata: Path, reading: ReadingConfig) -> list[str]:
+    """Return the names of files in the metadata.yaml of rosbag2; none if it cannot be used."""
+    try:
+        about = read_yaml(metadata, reading)['rosbag2_bagfile_information']
+        return [Path(name).name for name in about['relative_file_paths']]
+    except (ConfigError, LookupError, TypeError):
+        return []
+
+
+def _without_copies(storages: list[Storage], warnings: list[str]) -> list[Storage]:
+    """Return the storages without those that another one holds; add a line for each."""
+    kept: list[Storage] = []
+    for storage in sorted(storages, key=lambda storage: -storage.count):
+        if whole := next((other for other in kept if storage.is_part_of(other)), None):
+            warnings.append(
+                f'{storage.path}: {whole.path.name} holds the same messages; left out: remove one '
+                'of them'
+            )
+        else:
+            kept.append(storage)
+    return [storage for storage in storages if storage in kept]
