@@ -59,6 +59,11 @@ class RawMessage(NamedTuple):
         """Stamp of the header; if that is unset, the time of recording."""
         return self.header_stamp_ns or min(self.log_time_ns, MAX_STAMP_NS)
 
+    def without_stamp(self) -> 'RawMessage':
+        """Return the message without a stamp in its header: its time of recording counts."""
+        start, end = self.cdr[:_HEADER_END], self.cdr[STAMP_END:]
+        return self._replace(cdr=start + bytes(STAMP_END - _HEADER_END) + end)
+
     def image(self) -> ImageMessage | CompressedMessage:
         """Return the fields of a message of `IMAGE_TYPES`; ImageError if it is damaged."""
         fields = _Fields(self.cdr)

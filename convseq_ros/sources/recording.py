@@ -3,6 +3,8 @@
 """A ROS recording as a stream of frames, of raw messages, or of poses."""
 
 from collections.abc import Iterator
+from contextlib import suppress
+from itertools import islice
 from operator import itemgetter
 from pathlib import Path
 import sys
@@ -15,6 +17,7 @@ from convseq_ros.sources.images import gray_and_color, message_pixels
 from convseq_ros.sources.nav_sat import Fix, fix_from_message, local_poses
 from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.raw_message import IMAGE_TYPES, RawMessage, STAMP_END
+from convseq_ros.sources.stamps import FIRST, useless
 from convseq_ros.sources.storage import open_storage
 from convseq_ros.sources.topics import (
     CAMERA_TYPES,
@@ -30,7 +33,8 @@ class TopicMessages:
     """
     The messages of a recording's topic, chosen by `choose_topic`; can be iterated again.
 
-    `warnings` grow while messages are read: a line for each file that lost some to damage.
+    `warnings` grow while messages are read: a line for each file that lost some to damage, and one
+    if stamps do not tell the times of messages, so that the times of recording are taken instead.
     SourceError if there is no such topic; while iterating, if the recording is damaged.
     """
 
@@ -46,8 +50,34 @@ class TopicMessages:
         topics = merge_topics(storage.topics for storage in self.storages)
         self.chosen = choose_topic(path, topics, topic, types, option)
         self.has_lost = False  # messages, as its warnings tell
+        self._path = path
+        self._useless: str | None = None  # what is wrong with stamps; None while unknown
 
     def __iter__(self) -> Iterator[RawMessage]:
+        if self.has_useless_stamps():
+            yield from (
+                message.without_stamp() if len(message.cdr) >= STAMP_END else message
+                for message in self._recorded()
+            )
+        else:
+            yield from self._recorded()
+
+    def has_useless_stamps(self) -> bool:
+        """Return whether the times of recording are taken; they are for the whole topic."""
+        if self._useless is None:
+            first: list[RawMessage] = []
+            with suppress(SourceError):  # which is raised again where the damage is met
+                first.extend(islice(self._recorded(), FIRST))
+            stamps_ns = [message.header_stamp_ns for message in first]
+            self._useless = useless(stamps_ns, [message.log_time_ns for message in first])
+            if self._useless:
+                self.warnings.append(
+                    f'{self._path}: the first {len(first)} messages of {self.chosen.name} have '
+                    f'{self._useless}; the times of recording are taken instead: check the driver'
+                )
+        return bool(self._useless)
+
+    def _recorded(self) -> Iterator[RawMessage]:
         for storage in self.storages:
             for message in storage.messages(self.chosen.name, self._note_loss):
                 if message.type_name == self.chosen.type_name:
@@ -93,7 +123,7 @@ class Recording:
             except ImageError as error:
                 yield Frame(message.stamp_ns, None, self.topic, problem=str(error))
                 continue
-            if not message.header_stamp_ns:
+            if not (message.header_stamp_ns or self._messages.has_useless_stamps()):
                 self._warn(
                     f'{self._path}: images of {self.topic} carry no stamp; '
                     'the time of recording was taken instead'
