@@ -39,7 +39,9 @@ class FleetError(ConvseqError):
 def one_line(error: BaseException, limit: int = 200) -> str:
     """Return an error's message in one line; cut it at `limit` if a library wrote it."""
     line = ' '.join(str(error).split())
-    return (line if isinstance(error, ConvseqError | OSError) else line[:limit]) or type(error).__name__
+    return (line if isinstance(error, ConvseqError | OSError) else line[:limit]) or type(
+        error
+    ).__name__
 
 
 def with_traceback(error: Exception) -> str:

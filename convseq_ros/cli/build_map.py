@@ -12,7 +12,6 @@ import sys
 import time
 from typing import Any
 
-from convseq_ros.cli.info import describe_recording, quoted
 from convseq_ros.cli.options import (
     add_images,
     add_max_looks,
@@ -21,6 +20,7 @@ from convseq_ros.cli.options import (
     tells_what_is_kept,
     warn,
 )
+from convseq_ros.cli.recording import describe_recording, quoted
 from convseq_ros.config import (
     Config,
     EncodingConfig,

@@ -11,29 +11,23 @@ from operator import attrgetter
 import os
 from pathlib import Path
 import platform
-import shlex
 import sys
 from typing import Any
 
 from convseq_ros import __version__
 from convseq_ros.cli.map_picture import draw_map
 from convseq_ros.cli.options import printable, warn
-from convseq_ros.config.reading_config import add_reading, chosen_reading, ReadingConfig
+from convseq_ros.cli.recording import describe_recording, recording_lines
+from convseq_ros.config.reading_config import add_reading, chosen_reading
 from convseq_ros.core.compiled import library
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.evaluation.provenance import processor, version_of
-from convseq_ros.sources import holds_recording, is_recording_file, open_source
-from convseq_ros.sources.raw_message import IMAGE_TYPES
-from convseq_ros.sources.storage import is_storage_file, open_storage
-from convseq_ros.sources.topics import CAMERA_TYPES, merge_topics, POSE_TYPES, Topic
+from convseq_ros.sources import is_recording_file
 import cv2
 import numpy as np
-
-_OPTIONS = {'--topic': IMAGE_TYPES, '--odom': POSE_TYPES, '--camera-info': CAMERA_TYPES}
-_REMAPPED = {'--topic': 'image', '--odom': 'odom', '--camera-info': 'camera_info'}
 
 
 def describe_installation() -> dict[str, str | int]:
@@ -168,75 +162,3 @@ def _line(session: dict[str, Any]) -> str:
         f'{session["references"]} references{with_pose}{frame}, {session["path_m"]:.1f} m, '
         f'from {time:%Y-%m-%d %H:%M:%S} UTC, id {printable(session["id"])}'
     )
-
-
-def describe_recording(path: Path, reading: ReadingConfig = ReadingConfig()) -> dict[str, Any]:
-    """
-    Return what a recording, a folder of pictures or a video holds; SourceError if unreadable.
-
-    The keys are `recording`, `images`, `warnings`, and for a recording `seconds`, `topics` (with
-    topic, type, messages and rate_hz, which is None for a single message) and `use` (for each
-    option, the topics that it could name).
-    """
-    if not (path.is_dir() and holds_recording(path)) and not is_storage_file(path):
-        images = len(open_source(path, reading=reading))
-        return {'recording': str(path), 'images': images, 'warnings': []}
-    storages, warnings = open_storage(path, reading)
-    topics = merge_topics(storage.topics for storage in storages)
-    seconds = sum(storage.duration_s for storage in storages)
-    warnings = [*warnings, *(storage.damage for storage in storages if storage.damage)]
-    filled = [topic for topic in topics.values() if topic.count]
-    return {
-        'recording': str(path),
-        'images': sum(topic.count for topic in filled if topic.type_name in IMAGE_TYPES),
-        'seconds': seconds,
-        'topics': [_described(topics[name], seconds) for name in sorted(topics)],
-        'use': {
-            option: sorted(topic.name for topic in filled if topic.type_name in types)
-            for option, types in _OPTIONS.items()
-        },
-        'warnings': warnings,
-    }
-
-
-def _described(topic: Topic, seconds: float) -> dict[str, Any]:
-    several = topic.count > 1 and seconds > 0
-    rate = round((topic.count - 1) / seconds, 2) if several else None
-    kind = topic.type_name
-    return {'topic': topic.name, 'type': kind, 'messages': topic.count, 'rate_hz': rate}
-
-
-def recording_lines(facts: dict[str, Any]) -> list[str]:
-    """Return the result of `describe_recording` as lines for people."""
-    lines = [f'{facts["recording"]}: {facts["images"]} images']
-    commands = f'convseq build-map {shlex.quote(facts["recording"])} map.db'
-    if 'topics' in facts:
-        lines[0] += f', {facts["seconds"]:.1f} s'
-        rows = [
-            (printable(fact['topic']), printable(fact['type']), fact) for fact in facts['topics']
-        ]
-        width = max((len(topic) for topic, *_ in rows), default=0)
-        for topic, kind, fact in rows:
-            rate = '' if fact['rate_hz'] is None else f', {fact["rate_hz"]:g} Hz'
-            lines.append(f'  {topic:{width}}  {kind}, {fact["messages"]} messages{rate}')
-    lines += [f'warning: {text}' for text in facts['warnings']]
-    chosen, others = {}, []
-    for option, names in facts.get('use', {}).items():
-        if names:
-            chosen[option] = names[0]
-        others += [f'  {option} {quoted(name)}' for name in names[1:]]
-    options = ''.join(f' {option} {quoted(name)}' for option, name in chosen.items())
-    lines += ['', 'to make a map of it:', f'  {commands}{options}']
-    if 'topics' in facts:
-        remaps = ''.join(
-            f' -r {_REMAPPED[option]}:={quoted(name)}' for option, name in chosen.items()
-        )
-        lines += ['the same, live:', f'  vpr_node --ros-args -p map_path:=map.db{remaps}']
-    if others:
-        lines += ['or, of several:', *others]
-    return lines
-
-
-def quoted(name: str) -> str:
-    """Return a name of unknown origin, quoted as one word for a shell."""
-    return shlex.quote(printable(name))

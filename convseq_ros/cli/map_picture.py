@@ -25,6 +25,7 @@ class PICTURE:
     bent: float = 0.2  # offset of an arc's middle, relative to its chord
     linked: float = 0.01  # length of a link in a layout, in steps of a drive
     landmarks: int = 300  # places of a component whose distances place the others
+    flattest: float = 0.4  # smallest ratio of the sides; that of a straight street would be 0
     named: int = 12  # maximum number of sessions in the legend
 
 
@@ -72,6 +73,13 @@ def _draw_drives(axes: Any, reference_map: ReferenceMap, points: Points) -> None
         if line:
             name = printable(part.session.name)
             axes.plot(*np.transpose(line), linewidth=1.2, marker='.', markersize=2, label=name)
+    widths = [high - low for low, high in (axes.get_xlim(), axes.get_ylim())]
+    for (low, high), change in (
+        (axes.get_xlim(), axes.set_xlim),
+        (axes.get_ylim(), axes.set_ylim),
+    ):
+        half = max(high - low, PICTURE.flattest * max(widths)) / 2
+        change((low + high) / 2 - half, (low + high) / 2 + half)
     axes.set_aspect('equal')
     axes.set_xlabel('x, m')
     axes.set_ylabel('y, m')

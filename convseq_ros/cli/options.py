@@ -147,5 +147,12 @@ def map_progress(path: Path) -> Callable[[Sequence[int]], Iterable[int]]:
 
 
 def printable(text: str) -> str:
-    """Return a text of unknown origin without control characters for a terminal."""
-    return ''.join(letter if letter.isprintable() else '?' for letter in text)
+    """Return a text of unknown origin in printable characters; bytes of others in hexadecimal."""
+    return ''.join(letter if letter.isprintable() else _escaped(letter) for letter in text)
+
+
+def _escaped(letter: str) -> str:
+    """Return a character's bytes; one that is not UTF-8 in a file's name is a surrogate here."""
+    is_of_name = 0xDC80 <= ord(letter) <= 0xDCFF
+    encoded = letter.encode('utf-8', 'surrogateescape' if is_of_name else 'surrogatepass')
+    return ''.join(f'\\x{byte:02x}' for byte in encoded)

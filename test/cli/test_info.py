@@ -14,19 +14,26 @@ pytest.importorskip('rosbags')
 
 from convseq_ros import __version__
 from convseq_ros.cli import main
-from convseq_ros.cli.info import recording_lines
+from convseq_ros.cli.map_picture import draw_map
+from convseq_ros.cli.recording import describe_recording, recording_lines
 from convseq_ros.core.compiled import library
+from convseq_ros.core.map.place import Place
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import Pose
 from convseq_ros.simulation.drive import Drive
-from convseq_ros.simulation.recording import write_recording
+from convseq_ros.simulation.recording import write_recording as write_drive
 from convseq_ros.simulation.street import Street
+import cv2
 import numpy as np
+from pictures import picture
+from recordings import compressed, header, image, ROS2, START_NS, STEP_NS, write_recording
 
 
 @pytest.fixture(scope='module')
 def drive(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp('drive') / 'first drive'
     shots = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))[:12]
-    write_recording(path, shots, odom_topic='/wheels/odom', info_topic='/camera/camera_info')
+    write_drive(path, shots, odom_topic='/wheels/odom', info_topic='/camera/camera_info')
     return path
 
 
@@ -59,8 +66,91 @@ def test_what_a_stranger_called_a_topic_is_one_word_to_paste():
     assert all(line.isprintable() for line in lines)
     pasted = [shlex.split(line) for line in lines if '--topic' in line or ' -r ' in line]
     assert [words[-1] for words in pasted] == [
-        cameras[0], f'image:={cameras[0]}', "/b' $(id)??[2J"
+        cameras[0], f'image:={cameras[0]}', cameras[0], r"/b' $(id)\x0a\x1b[2J"
     ]  # fmt: skip
+
+
+DEPTH_CAMERAS = {  # the colour topic, one of depth, and the encoding of depth
+    'TUM RGB-D': ('/camera/rgb/image_color', '/camera/depth/image', '32FC1'),
+    'ZED': (
+        '/zed/zed_node/rgb/color/rect/image', '/zed/zed_node/depth/depth_registered', '32FC1'
+    ),
+    'Kinect': ('/camera/rgb/image_raw', '/camera/depth_registered/image_raw', '16UC1'),
+    'RealSense': (
+        '/camera/color/image_raw', '/camera/aligned_depth_to_color/image_raw', '16UC1'
+    ),
+}  # fmt: skip
+
+
+def camera_info(focal_px=60.0):
+    kinds = ROS2.types
+    k = np.array([focal_px, 0, 40, 0, focal_px, 30, 0, 0, 1 if focal_px else 0])
+    projection = np.insert(k.reshape(3, 3), 3, 0, axis=1).ravel()
+    roi = kinds['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False)
+    numbers = np.zeros(5), k, np.eye(3).ravel(), projection
+    sizes = 60, 80, 'plumb_bob'
+    return kinds['sensor_msgs/msg/CameraInfo'](header(START_NS), *sizes, *numbers, 0, 0, roi)
+
+
+def told(path, capsys):
+    """Return the commands to paste, and all lines."""
+    assert main(['info', str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    return [shlex.split(line) for line in lines if line.startswith('  convseq ')], lines
+
+
+@pytest.mark.parametrize('name', DEPTH_CAMERAS)
+def test_colour_is_proposed_and_depth_never(name, tmp_path, capsys):
+    color, depth, encoding = DEPTH_CAMERAS[name]
+    color_info, depth_info = (
+        f'{topic.rpartition("/")[0]}/camera_info' for topic in (color, depth)
+    )
+    gray, rows = picture(0), []
+    for stamp_ns in (START_NS, START_NS + STEP_NS):
+        depths = image(gray, stamp_ns, encoding=encoding)
+        rows += [(depth, stamp_ns, depths), (color, stamp_ns, image(gray, stamp_ns))]
+        rows += [(depth_info, stamp_ns, camera_info()), (color_info, stamp_ns, camera_info())]
+    path = write_recording(tmp_path, 'mcap folder', rows)
+    (build, play), lines = told(path, capsys)
+    chosen = ['--topic', color, '--camera-info', color_info]
+    assert build[1:] == ['build-map', str(path), 'map.db', *chosen]
+    assert play[1:] == ['play', str(path), *chosen] and ': 2 images' in lines[0]
+    assert f'-r image:={color} -r camera_info:={color_info}' in '\n'.join(lines)
+    assert not [line for line in lines[5:] if f'{depth} ' in f'{line} ']
+    assert main([*build[1:3], str(tmp_path / 'map.db'), *build[4:]]) == 0
+
+
+def test_colour_comes_before_grey_and_raw_before_compressed(tmp_path, capsys):
+    gray = picture(0)
+    color = np.dstack([gray] * 3)
+    messages = {
+        '/a/debug_image': image(gray),
+        '/a/mono': image(gray),
+        '/b/compressed': compressed(gray, name='rgb8; jpeg compressed bgr8'),
+        '/b/compressedDepth': compressed(gray, name='16UC1; compressedDepth png'),
+        '/b/raw': image(gray, encoding='bgr8', step=3 * gray.shape[1], data=color.ravel()),
+    }
+    rows = [(topic, START_NS, message) for topic, message in messages.items()]
+    path = write_recording(tmp_path, 'mcap folder', rows)
+    facts = describe_recording(path)
+    assert facts['use']['--topic'] == ['/b/raw', '/b/compressed', '/a/mono']
+    assert facts['images'] == 3
+
+
+def test_a_camera_that_is_not_calibrated_or_of_another_image_is_not_proposed(tmp_path, capsys):
+    rows = [
+        ('/a/image', START_NS, image(picture(0))), ('/a/camera_info', START_NS, camera_info(0.0)),
+        ('/b/image', START_NS, image(picture(0))), ('/c/camera_info', START_NS, camera_info()),
+    ]  # fmt: skip
+    commands, lines = told(write_recording(tmp_path, 'mcap folder', rows), capsys)
+    assert [command[-2:] for command in commands] == [['--topic', '/a/image']] * 2
+    assert lines[-2:] == ['  --topic /b/image', '  --camera-info /c/camera_info']
+
+
+def test_of_a_recording_without_a_camera_no_map_is_proposed(tmp_path, capsys):
+    rows = [('/vpr_node/debug_image', START_NS, image(picture(0)))]
+    commands, lines = told(write_recording(tmp_path, 'mcap folder', rows), capsys)
+    assert commands == [] and lines[-1] == 'no images of a camera: no map can be made of it'
 
 
 def test_a_map_without_poses_says_which_topic_has_them(drive, capsys, tmp_path):
@@ -73,3 +163,15 @@ def test_poses_of_another_time_are_said_not_to_fit(drive, capsys, tmp_path):
     poses.write_text('1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n')
     assert main(['build-map', str(drive), str(tmp_path / 'm.db'), '--poses', str(poses)]) == 0
     assert 'poses.txt has no pose at the time of an image' in capsys.readouterr().out
+
+
+def test_the_picture_of_a_straight_street_has_a_height(tmp_path):
+    pytest.importorskip('matplotlib')
+    street = ReferenceMap()
+    cells = np.zeros(street.cell_shape, np.float16)
+    for x in range(5):
+        street.add(Place(x, '', Pose((float(x), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))), cells)
+    draw_map(tmp_path / 'street.png', street)
+    drawn = cv2.imread(str(tmp_path / 'street.png'), cv2.IMREAD_GRAYSCALE)
+    rows = np.flatnonzero((drawn < 100).any(axis=1))
+    assert rows.max() - rows.min() > drawn.shape[0] / 4
