@@ -11,6 +11,7 @@ from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
+from convseq_ros.core.map.online import FollowedMap
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
@@ -57,9 +58,7 @@ class Pipeline:
         else:
             self.autosave = NoAutosave(ReferenceMap(encoding, keyframes=config.keyframes))
         reference_map = self.autosave.reference_map
-        # Call `save` after every frame.
-        self.save, self.flush = self.autosave.save, self.autosave.flush
-        self.close = self.autosave.close
+        self.flush, self.close = self.autosave.flush, self.autosave.close
         try:
             self.cameras = Cameras(reference_map, config, sources, describe=describe)
         except BaseException:
@@ -89,6 +88,22 @@ class Pipeline:
     def added(self) -> int:
         """Number of places that were added in this session."""
         return len(self.recognizer.reference_map) - self.recognizer.mapping.session_start
+
+    def save(self) -> None:
+        """Call this after every frame, as `Autosave.save`; a lost file ends the growth."""
+        if self.is_growing and self.autosave.lost:
+            self.is_growing = False
+            mapping = FollowedMap(self.recognizer.reference_map, self.recognizer.mapping)
+            self.recognizer.mapping = mapping
+        self.autosave.save()
+
+    def outlive_file(self) -> None:
+        """Go on from memory if the map's file is cut short or overwritten from now on."""
+
+        def give_up(error: MapError) -> None:
+            self.autosave.give_up(self.path, str(error.__cause__ or error))
+
+        self.recognizer.reference_map.on_loss = give_up
 
     def warm_up(self) -> None:
         """Prepare the cameras, so that the first frame is as fast as the others."""

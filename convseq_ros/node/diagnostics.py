@@ -114,6 +114,8 @@ class Diagnostics:
             )
         if not situation.enabled:
             return DiagnosticStatus.OK, 'disabled'
+        if situation.session.autosave.lost:
+            return DiagnosticStatus.ERROR, situation.session.autosave.lost
         if self._is_failing(situation):
             return DiagnosticStatus.ERROR, (
                 f'{situation.session.path}: new places cannot be written; see the log'

@@ -152,6 +152,9 @@ class Recognition:
     model_problem: str = ''  # why the map's model is not used, if it failed
     _linking: MapLinking | None = None
 
+    def __post_init__(self) -> None:
+        self.session.outlive_file()
+
     def together(self) -> int:
         """Return the maximum number of waiting frames that are described in one batch."""
         return _BATCH if self.session.recognizer.first_stage.batch else 1
@@ -190,6 +193,7 @@ class Recognition:
         session.cameras.configure(self.session.cameras.config)
         self.close()
         self.session, self.model_problem = session, ''
+        session.outlive_file()
         self.link()
 
     def link(self) -> None:

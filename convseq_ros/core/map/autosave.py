@@ -8,9 +8,10 @@ from threading import Event, Lock, Thread
 import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.map.database import MapLock
+from convseq_ros.core.map.database import is_damage, MapLock
 from convseq_ros.core.map.edit import prune_looks
 from convseq_ros.core.map.online import Looks
+from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
@@ -26,15 +27,30 @@ class NoAutosave:
     committed_s: float | None = None  # monotonic time at which the file grew last
     is_failing = False  # whether the last write failed
     removed = 0  # number of places that were removed when the map was closed
+    lost = ''  # why the file is neither read nor written any more, with the remedy
+    _error: MapError | None = None  # raised by the next `save`
 
     def __init__(self, reference_map: ReferenceMap) -> None:
         self.reference_map = reference_map
 
-    def save(self) -> None: ...
+    def save(self) -> None:
+        """Raise a MapError, once, if the file was given up."""
+        error, self._error = self._error, None
+        if error:
+            raise error
 
     def flush(self) -> None: ...
 
     def close(self) -> None: ...
+
+    def give_up(self, path: Path | None, why: str) -> None:
+        """Leave a file alone that was cut short or overwritten; `save` raises a MapError then."""
+        if not self.lost:
+            self.lost = (
+                f'{path}: was cut short or overwritten while it was in use ({why}); answers go '
+                'on from memory, and the map does not grow; restore the file and start again'
+            )
+            self._error = MapError(self.lost)
 
 
 class Autosave(NoAutosave):
@@ -44,7 +60,7 @@ class Autosave(NoAutosave):
     A place is safe on disk half a second after it was added. Its picture is then released from
     memory, so that a map can grow all day. If the file is moved or replaced, or another program
     writes to it despite the lock, this is reported once and the map grows in memory; writing
-    continues when the file is back.
+    continues when the file is back. A file that was cut short or overwritten is given up.
 
     `append` is that of `MapWriter`. A new file without places is deleted at the end, unless
     `keeps_empty`. At the end no place keeps more than `max_looks` looks; 0 is no limit. MapError
@@ -70,9 +86,9 @@ class Autosave(NoAutosave):
             self.committed = self._writer.committed
             self._writer.linked = self.reference_map.links.looked_up_count
             self._writer.write_ahead()
+            self._left = _size_and_time(path)  # after the last write of ours
             self._opened = opened.pop_all()
         self._writing = Lock()
-        self._error: MapError | None = None  # raised by the next `save`
         self._news, self._end = Event(), Event()
         self._thread = Thread(target=self._run, name='autosave', daemon=True)
         self._thread.start()
@@ -85,17 +101,17 @@ class Autosave(NoAutosave):
         """
         if self._is_behind(len(self.reference_map)):
             self._news.set()
-        error, self._error = self._error, None
-        if error:
-            raise error
+        super().save()
 
     def flush(self) -> None:
         """Write all added places, and return when they are safe on disk; MapError if it fails."""
         with self._writing:
             try:
                 self._write()
-            except MapError:
+            except MapError as error:
                 self.is_failing = True
+                if is_damage(error):
+                    self.give_up(self._path, str(error.__cause__))
                 raise
             self.is_failing = False
 
@@ -127,19 +143,25 @@ class Autosave(NoAutosave):
             try:
                 self.flush()
             except MapError as error:
+                if self.lost:
+                    return
                 self._error = self._error if is_reported else error
                 self._news.set()
             self._end.wait(_COMMIT_EVERY_S)
 
     def _write(self) -> None:
         end = len(self.reference_map)
+        if self.lost:
+            raise MapError(self.lost)
         while self._is_behind(end):
             self._refuse_replaced()
+            self._refuse_overwritten()
             stop = min(end, self.committed + _PLACES_AT_ONCE)
             self._writer.copy(self.reference_map, stop)
             self.committed, self.committed_s = stop, time.monotonic()
             self.reference_map.evict(stop, self._writer.reader.pictures)
             self._writer.checkpoint()
+            self._left = _size_and_time(self._path)
 
     def _is_behind(self, end: int) -> bool:
         """Return whether places before `end`, or links of stored places, are not written yet."""
@@ -155,3 +177,24 @@ class Autosave(NoAutosave):
         if self._is_in_place():
             return
         raise MapError(f'{self._path}: was moved or replaced; new places are not kept')
+
+    def _refuse_overwritten(self) -> None:
+        """Give the file up if it became shorter, or others have made it another map."""
+        now = _size_and_time(self._path)
+        if now == self._left:
+            return
+        why = 'it is shorter' if now[0] < self._left[0] else ''
+        try:
+            if MapReader(self._path).settings.map_id != self.reference_map.map_id:
+                why = 'it is another map'
+        except MapError as error:
+            why = str(error.__cause__ or 'it is no map')
+        if why:
+            self.give_up(self._path, why)
+            raise MapError(self.lost)
+
+
+def _size_and_time(path: Path) -> tuple[int, int]:
+    """Return the size of a file in bytes, and the time of its last change."""
+    status = path.stat()
+    return status.st_size, status.st_mtime_ns

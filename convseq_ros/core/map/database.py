@@ -182,6 +182,12 @@ def as_map_error(path: Path) -> Iterator[None]:
         raise MapError(f'{path}: {message.format(text)}') from error
 
 
+def is_damage(error: MapError) -> bool:
+    """Return whether SQLite found that the file is no map any more, or is damaged."""
+    code = getattr(error.__cause__, 'sqlite_errorcode', 0)
+    return code & 0xFF in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+
+
 class MapLock:
     """
     The lock that a writer of a map holds, on the file `<map>-lock`; MapError if it is held.

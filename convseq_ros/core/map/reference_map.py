@@ -64,6 +64,8 @@ class ReferenceMap:
         self.problem = ''  # one line about damage that does not prevent the use of the map
         self.keeps_images = read_pictures is not None  # whether there may be images or depths
         self.unreadable, self.unreadable_why = 0, ''
+        # Called with the error if stored cells cannot be read, which are blank then; None raises.
+        self.on_loss: Callable[[MapError], None] | None = None
 
     def __len__(self) -> int:
         return len(self.places)
@@ -150,11 +152,11 @@ class ReferenceMap:
 
     def packed_of(self, indices: Sequence[int]) -> list[Packed]:
         """Return the packed cells of several places, read together."""
-        return [picture.packed for picture in self.pictures(indices)]
+        return [picture.packed for picture in self._pictures_or_blank(indices)]
 
     def thumbnail(self, index: int) -> bytes:
         """Return the thumbnail of a place, a JPEG; empty if it has none."""
-        return self.pictures([index])[0].thumbnail
+        return self._pictures_or_blank([index])[0].thumbnail
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return the pictures of places; those in the file are read together."""
@@ -169,6 +171,23 @@ class ReferenceMap:
         if read and missing:
             pictures.update(zip(missing, read(missing, with_images), strict=True))
         return [pictures[index] for index in indices]
+
+    def _pictures_or_blank(self, indices: Sequence[int]) -> list[Picture]:
+        try:
+            return self.pictures(indices)
+        except MapError as error:
+            if self.on_loss is None:
+                raise
+            self.on_loss(error)
+        return [self._picture_or_blank(index) for index in indices]
+
+    def _picture_or_blank(self, index: int) -> Picture:
+        try:
+            return self.pictures([index])[0]
+        except MapError:
+            has_cells = self.encoding.keeps_cells
+            packed = np.zeros(self.cell_shape, np.float16) if has_cells else NO_CELLS
+            return Picture(packed, b'', None, None)
 
     def image(self, index: int, max_mpx: float) -> Gray | None:
         """Return the image of a place; None if none was kept, or it cannot be decoded."""
