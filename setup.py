@@ -97,7 +97,6 @@ setup(
         'plot': ['matplotlib>=3.6'],  # charts of `convseq report`, picture of `convseq demo`
         'evaluation': ['matplotlib>=3.6', 'scikit-image>=0.22'],  # plots, and the method hog
         'onnx': ['onnxruntime'],
-        'watch': ['rich>=13'],  # convseq watch
         'fleet': ['distributed>=2026.1'],  # convseq fleet
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
         'test': [
@@ -106,7 +105,6 @@ setup(
             'onnx',
             'onnxruntime',
             'pytest>=7.4',
-            'rich>=13',
             'pytest-timeout>=2.2',
             'pytest-xdist>=3.4',
             'scikit-image>=0.22',

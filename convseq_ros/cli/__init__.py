@@ -19,7 +19,6 @@ COMMANDS = {
     'replay': 'recognise the frames of a recording in a map, without ROS',
     'locate': 'print where in a map images were taken',
     'play': 'publish a recording to live topics, with /clock',
-    'watch': 'see in a terminal what a running node recognises',
     'info': 'print what a map or a recording holds, or what is installed',
     'map': 'link, merge or split maps; remove or rename their sessions',
     'fleet': 'build many maps in parallel, and recognise in all of them',
@@ -30,7 +29,7 @@ COMMANDS = {
 }
 
 # Commands that are ROS nodes, and parse their arguments themselves.
-NODES = {'play': 'convseq_ros.node.player', 'watch': 'convseq_ros.node.watch'}
+NODES = {'play': 'convseq_ros.node.player'}
 
 # Commands of earlier versions that are verbs of `map` now.
 MOVED = ('link', 'merge', 'split', 'remove', 'rename')

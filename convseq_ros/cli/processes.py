@@ -15,7 +15,7 @@ import sys
 import time
 from typing import NoReturn
 
-from convseq_ros.errors import ConvseqError, NEEDS_ROS, pip_install
+from convseq_ros.errors import ConvseqError, NEEDS_ROS
 from convseq_ros.io.results import read_results
 from convseq_ros.node.process import fast_dds, LARGE_IMAGES, SIGNALS
 
@@ -89,9 +89,7 @@ def need_ros(user: str = '') -> None:
 
 
 def become_node(module: str, arguments: Sequence[str]) -> NoReturn:
-    """Replace this process by a node's; ConvseqError if ROS or another package is missing."""
-    if module.endswith('watch') and find_spec('rich') is None:
-        raise ConvseqError(f'watching needs rich: {pip_install("rich")}')
+    """Replace this process by a node's; ConvseqError if ROS is missing."""
     need_ros()
     sys.stdout.flush()
     # Block signals until the node handles them: a starting Python would print a traceback.

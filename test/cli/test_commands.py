@@ -106,7 +106,7 @@ def test_parameters_come_from_a_ros_file_and_options_win(drive, map_path, tmp_pa
 
 @pytest.mark.parametrize('command', COMMANDS)
 def test_every_command_has_help(command, capsys):
-    if command in ('play', 'watch'):  # these become another process
+    if command == 'play':  # it becomes another process
         pytest.importorskip('rclpy')
         told = [*START, command, '--help']
         done = run(*told, timeout=60)

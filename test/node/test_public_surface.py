@@ -38,7 +38,7 @@ CHANGING = {
     'PlaceRecognizer(matcher)', 'PlaceRecognizer(coarse)', 'PlaceRecognizer.process(descriptor)',
     'PlaceRecognizer.expect(frames)', 'open_map(encoding)', 'open_map(keyframes)',
     'build_map(links)',
-    'convseq demo', 'convseq evaluate', 'convseq fleet', 'convseq report', 'convseq watch',
+    'convseq demo', 'convseq evaluate', 'convseq fleet', 'convseq report',
 }  # fmt: skip
 # What every node of ROS has: topics, and packages of the types of its services.
 OF_ROS = {'/rosout', '/parameter_events', '/clock'}
