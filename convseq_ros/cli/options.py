@@ -49,7 +49,7 @@ def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
     add = parser.add_argument
     several = 'of several cameras, in quotes with spaces between'
     add('--topic', default='', help=f'image topic, if there are several; {several}')
-    add('--odom', default='', metavar='TOPIC', help='topic of poses or satellite fixes')
+    add('--odom', default='', metavar='TOPIC', help='topic of poses')
     if poses:
         help_ = 'text file of poses instead, in the format of TUM or KITTI'
         add('--poses', type=Path, metavar='FILE', help=help_)

@@ -18,6 +18,7 @@ from convseq_ros.sources.storage import is_storage_file, open_storage, Storage
 from convseq_ros.sources.topics import CAMERA_TYPES, merge_topics, POSE_TYPES, Topic
 
 _REMAPPED = {'--topic': 'image', '--odom': 'odom', '--camera-info': 'camera_info'}
+_FIXES = 'sensor_msgs/msg/NavSatFix'
 _DRAWN = 'debug_image'  # ends the topic of a picture that a node draws
 _COMPRESSED = '/compressed'
 _GREY = '8UC1', 'mono8', 'mono16'  # of encodings, best first, after all of colour
@@ -128,6 +129,12 @@ def recording_lines(facts: dict[str, Any]) -> list[str]:
         for topic, kind, fact in rows:
             rate = '' if fact['rate_hz'] is None else f', {fact["rate_hz"]:g} Hz'
             lines.append(f'  {topic:{width}}  {kind}, {fact["messages"]} messages{rate}')
+    lines += [
+        f'{printable(fact["topic"])} has satellite fixes, which are no poses; '
+        'docs/howto/satellite_fixes.md makes a file for --poses of them'
+        for fact in facts.get('topics', [])
+        if fact['type'] == _FIXES
+    ]
     lines += [f'warning: {printable(text)}' for text in facts['warnings']]
     if not facts['images']:
         return [*lines, '', 'no images of a camera: no map can be made of it']

@@ -16,10 +16,9 @@ from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources.camera_info import fitted, read_camera_file
 from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
 from convseq_ros.sources.folder import ImageFolder, natural_key, pictures_in
-from convseq_ros.sources.nav_sat import FIXES_GAP_NS
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
 from convseq_ros.sources.pose_track import PoseTrack
-from convseq_ros.sources.recording import read_camera, read_poses_in, Recording, TopicMessages
+from convseq_ros.sources.recording import read_camera, read_poses, Recording, TopicMessages
 from convseq_ros.sources.storage import is_storage_file
 from convseq_ros.sources.video import Video, VIDEO_SUFFIXES
 
@@ -32,7 +31,6 @@ class Source(Protocol):
     name: str  # of the folder or recording
     topic: str  # of the images; empty for a folder
     warnings: list[str]  # for the user, one line each; grows while the source is read
-    pose_frame: str  # name of the frame of the poses, if other sources may share it; else ''
 
     def __len__(self) -> int:
         """Return the expected number of frames, by an index or a directory."""
@@ -48,7 +46,6 @@ class AnnotatedFrames:
     source: Source
     pose_at: PoseAt | None
     camera_of: CameraOf | None
-    pose_frame: str = ''  # of the poses, if other sources may share it
     depth_at: DepthAt | None = None
 
     def __post_init__(self) -> None:
@@ -74,7 +71,7 @@ class SeveralCameras:
     """The frames of at least one source, in the order of their stamps."""
 
     def __init__(self, sources: Sequence[Source]) -> None:
-        self._sources, self.pose_frame = sources, sources[0].pose_frame
+        self._sources = sources
         self.name, self.topic = sources[0].name, ' '.join(source.topic for source in sources)
         self.warnings: list[str] = []
 
@@ -116,7 +113,7 @@ def open_annotated(
     """
     Open a source as `open_source`, with poses, camera and depth from topics or files.
 
-    `odom` is a topic of poses or satellite fixes, `poses` a file as for `read_pose_file`;
+    `odom` is a topic of poses, `poses` a file as for `read_pose_file`;
     `camera_info` a topic, or a file as for `read_camera_file`; `depth` a topic, or a folder, of
     images registered to the camera. SourceError if any of them cannot be read.
     """
@@ -126,12 +123,10 @@ def open_annotated(
     if not (odom or poses or camera_info or depth):
         return source
     pose_at: PoseAt | None = None
-    frame = ''
     if poses:
         pose_at = read_pose_file(Path(poses), len(source), reading)
     elif odom:
-        stamped, frame = read_poses_in(path, odom, reading)
-        track = PoseTrack(stamped, longest_gap_ns=FIXES_GAP_NS if frame else None)
+        track = PoseTrack(read_poses(path, odom, reading))
         pose_at = lambda _index, stamp_ns: track.at(stamp_ns)  # noqa: E731
     is_folder = path.is_dir() and not holds_recording(path)
     camera_of: CameraOf | None = None
@@ -148,7 +143,7 @@ def open_annotated(
     elif depth:
         messages = TopicMessages(path, depth, DEPTH_TYPES, '--depth', reading)
         depth_at = DepthTopic(messages, reading, source.warnings)
-    return AnnotatedFrames(source, pose_at, camera_of, frame, depth_at)
+    return AnnotatedFrames(source, pose_at, camera_of, depth_at)
 
 
 def open_each_camera(

@@ -52,8 +52,6 @@ class ImageFolder:
     (nanoseconds, as EuRoC and TUM-VI name them), else 0.1 s apart (0 would be no stamp to ROS).
     """
 
-    pose_frame = ''
-
     def __init__(self, path: Path, reading: ReadingConfig = ReadingConfig()) -> None:
         if not path.is_dir():
             raise SourceError(f'{path}: no such folder; give a folder of pictures')

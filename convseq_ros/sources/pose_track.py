@@ -21,16 +21,11 @@ class PoseTrack:
     Poses in order of time, interpolated between neighbours, and extrapolated up to 0.1 s.
 
     Stamps are nanoseconds, ascending. At least the newest `kept` poses are stored, by default all.
-    There is no pose between two that are further apart than `longest_gap_ns`, by default 1 s.
+    There is no pose between two that are more than a second apart.
     """
 
-    def __init__(
-        self,
-        stamped: Iterable[tuple[int, Pose]] = (),
-        kept: int | None = None,
-        longest_gap_ns: int | None = None,
-    ) -> None:
-        self._kept, self._longest_gap_ns = kept, longest_gap_ns or LONGEST_GAP_NS
+    def __init__(self, stamped: Iterable[tuple[int, Pose]] = (), kept: int | None = None) -> None:
+        self._kept = kept
         self._stamps: list[int] = []
         self._poses: list[Pose] = []
         for stamp_ns, pose in stamped:
@@ -63,7 +58,7 @@ class PoseTrack:
             return None
         after = min(after, len(self._stamps) - 1)
         span_ns = self._stamps[after] - self._stamps[after - 1]
-        if span_ns > self._longest_gap_ns:
+        if span_ns > LONGEST_GAP_NS:
             return None
         share = (stamp_ns - self._stamps[after - 1]) / span_ns
         return _between(self._poses[after - 1], self._poses[after], share)

@@ -14,19 +14,11 @@ from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.sources.camera_info import camera_from_info
 from convseq_ros.sources.images import gray_and_color, message_pixels
-from convseq_ros.sources.nav_sat import Fix, fix_from_message, local_poses
 from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.raw_message import IMAGE_TYPES, RawMessage, STAMP_END
 from convseq_ros.sources.stamps import FIRST, useless
 from convseq_ros.sources.storage import open_storage
-from convseq_ros.sources.topics import (
-    CAMERA_TYPES,
-    choose_topic,
-    decode,
-    FIX_TYPES,
-    merge_topics,
-    POSE_TYPES,
-)
+from convseq_ros.sources.topics import CAMERA_TYPES, choose_topic, decode, merge_topics, POSE_TYPES
 
 
 class TopicMessages:
@@ -97,8 +89,6 @@ class Recording:
     line each, grow while the recording is read. SourceError as in `TopicMessages`.
     """
 
-    pose_frame = ''
-
     def __init__(
         self, path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
     ) -> None:
@@ -159,28 +149,18 @@ class Recording:
 def read_poses(
     path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
 ) -> list[tuple[int, Pose]]:
-    """Return the poses of `read_poses_in` without their frame."""
-    return read_poses_in(path, topic, reading)[0]
-
-
-def read_poses_in(
-    path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
-) -> tuple[list[tuple[int, Pose]], str]:
     """
-    Return stamped poses of a topic, and their frame if other recordings may share it, else ''.
+    Return the stamped poses of a topic.
 
-    The topic is of Odometry, PoseStamped, PoseWithCovarianceStamped or NavSatFix; it may be left
-    out if there is only one. Damaged and infinite poses are skipped; SourceError if none is left.
+    The topic is of Odometry, PoseStamped or PoseWithCovarianceStamped; it may be left out if there
+    is only one. Damaged and infinite poses are skipped; SourceError if none is left.
     """
-    messages = TopicMessages(path, topic, POSE_TYPES + FIX_TYPES, '--odom', reading)
+    messages = TopicMessages(path, topic, POSE_TYPES, '--odom', reading)
     poses = sorted((pose for message in messages if (pose := _pose(message))), key=itemgetter(0))
     if not poses:
         name = messages.chosen.name
         raise SourceError(f'{path}: no pose of {name} is whole and finite; choose another topic')
-    fixes = [pose for pose in poses if isinstance(pose, Fix)]
-    if fixes:
-        return local_poses(fixes)
-    return [pose for pose in poses if not isinstance(pose, Fix)], ''
+    return poses
 
 
 def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Camera:
@@ -198,13 +178,11 @@ def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingCon
     raise SourceError(f'{path}: no camera of {messages.chosen.name} can be used: {problem}')
 
 
-def _pose(message: RawMessage) -> tuple[int, Pose] | Fix | None:
+def _pose(message: RawMessage) -> tuple[int, Pose] | None:
     try:
         decoded = decode(message)
     except ImageError:
         return None
-    if message.type_name in FIX_TYPES:
-        return fix_from_message(message.stamp_ns, decoded)
     plain = decoded.pose if message.type_name == POSE_TYPES[1] else decoded.pose.pose
     pose = pose_from_message(plain)
     return None if pose is None else (message.stamp_ns, pose)

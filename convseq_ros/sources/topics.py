@@ -18,7 +18,6 @@ POSE_TYPES = (
     'geometry_msgs/msg/PoseStamped',
     'geometry_msgs/msg/PoseWithCovarianceStamped',
 )
-FIX_TYPES = ('sensor_msgs/msg/NavSatFix',)
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,8 +27,6 @@ class Video:
     Frames without times are stamped by the frame rate, or 1/30 s apart if there is none.
     """
 
-    pose_frame = ''
-
     def __init__(self, path: Path, reading: ReadingConfig = ReadingConfig()) -> None:
         if not path.is_file():
             raise SourceError(f'{path}: no such file or folder; check the path')

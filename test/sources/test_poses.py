@@ -1,25 +1,24 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Poses out of text files, odometry and satellite fixes, and at any time between."""
+"""Poses out of text files and odometry, and at any time between."""
 
-import json
 import math
+from pathlib import Path
+import re
+import sys
 from types import SimpleNamespace
 
-from convseq_ros.cli import main
-from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.sources import open_annotated
-from convseq_ros.sources.nav_sat import Fix, local_poses
 from convseq_ros.sources.pose_file import read_pose_file
 from convseq_ros.sources.pose_track import pose_from_message, PoseTrack
 import cv2
 from hypothesis import given, strategies
 import numpy as np
 from poses import at as pose
+from programs import run
 import pytest
-import recordings
 
 AHEAD = '1 0 0 0 0 1 0 0 0 0 1 2.5'  # of a lens: 2.5 m along its axis
 # Turned by 90 degrees to the right, about the axis that points down; 1 m to the right and 3 down.
@@ -238,79 +237,22 @@ def test_there_is_no_pose_before_after_or_in_a_long_gap():
     assert PoseTrack([]).at(0) is None
 
 
-def fix(stamp_ns, latitude, longitude, altitude=0.0, status=0):
-    kinds = recordings.ROS2.types
-    return kinds['sensor_msgs/msg/NavSatFix'](
-        recordings.header(stamp_ns, 'gps'),
-        kinds['sensor_msgs/msg/NavSatStatus'](status, 1),
-        latitude,
-        longitude,
-        altitude,
-        np.zeros(9),
-        0,
-    )
+PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'howto' / 'satellite_fixes.md'
 
 
-def test_degrees_become_metres_east_north_and_up():
-    # A minute of arc on the equator is 1855.32 m eastwards and 1842.90 m northwards (WGS 84).
+def test_the_page_makes_poses_of_fixes(tmp_path):
+    # A minute of arc near the equator is 1855.32 m eastwards and 1842.90 m northwards (WGS 84).
     minute = 1 / 60
-    poses, frame = local_poses(
-        [Fix(0, 0.0, 0.0, 5.0), Fix(1, 0.0, minute, 5.0), Fix(2, minute, minute, 5.0)]
-    )
-    (_, start), (_, east), (_, north) = poses
-    assert frame == 'ENU 0.0 0.0'
-    assert start.position == pytest.approx((0, 0, 5))
-    assert east.position == pytest.approx((1855.32, 0.0, 5 - 1855.32**2 / 2 / 6.378e6), abs=0.01)
-    assert north.position[1] == pytest.approx(1842.90, abs=0.01)
-    assert start.orientation == east.orientation == pytest.approx((0, 0, 0, 1), abs=1e-6)
+    fixes = (0, 0.0, 0.0, 5), (100, 0.0, minute, 5), (200, minute, minute, 7)
+    lines = [','.join(map(str, line)) for line in fixes]
+    (tmp_path / 'fixes.csv').write_text('\n'.join(lines))
+    (script,) = re.findall(r'```python\n(.*?)```', PAGE.read_text(), re.DOTALL)
+    done = run(sys.executable, '-c', script, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    pose_at = read_pose_file(tmp_path / 'poses.txt', 3)
+    east, north = (pose_at(0, stamp_s * SECOND) for stamp_s in (100, 199))
+    assert east.position == pytest.approx((1855.32, 0.0, 5.0), abs=0.1)
+    assert north.position == pytest.approx((1855.32, 0.99 * 1842.90, 6.98), abs=0.1)
     half = math.sqrt(0.5)
-    assert north.orientation == pytest.approx((0, 0, half, half), abs=1e-4)
-
-
-def test_drives_of_one_region_share_a_frame():
-    one, frame = local_poses([Fix(0, 48.137, 11.575, 520.0), Fix(1, 48.1371, 11.575, 520.0)])
-    other, same = local_poses([Fix(0, 48.1371, 11.575, 520.0)])
-    assert frame == same == 'ENU 48.1 11.6'
-    assert one[1][1].position == pytest.approx(other[0][1].position, abs=1e-9)
-    assert math.dist(one[0][1].position, one[1][1].position) == pytest.approx(11.12, abs=0.01)
-
-
-def test_a_robot_that_stands_heads_as_it_did():
-    poses, _ = local_poses(
-        [Fix(0, 0.0, 0.0, 0.0), Fix(1, 1e-4, 0.0, 0.0), Fix(2, 1e-4, 1e-6, 0.0)]
-    )
-    assert len({pose.orientation for _, pose in poses}) == 1
-
-
-def test_a_map_of_fixes_has_poses_and_tells_their_frame(write, pictures, tmp_path, capsys):
-    start_ns = recordings.START_NS
-    rows = [
-        *recordings.drive(pictures),
-        *(
-            ('/fix', index, fix(start_ns + index * SECOND * 11 // 10, 48.1, 11.6 + 1e-5 * index))
-            for index in range(3)
-        ),
-        ('/fix', 9, fix(start_ns + SECOND // 2, 0.0, 0.0, status=-1)),
-    ]
-    path = write('mcap file', rows)
-    source = open_annotated(path, odom='/fix')
-    assert source.pose_frame == 'ENU 48.1 11.6'
-    east = [frame.pose.position[0] for frame in source]
-    assert east[0] == pytest.approx(0.0) and east[-1] == pytest.approx(0.744, abs=0.01)
-    arguments = ['build-map', str(path), str(tmp_path / 'map.db'), '--odom', '/fix']
-    assert main([*arguments, '--keyframe-overlap', '1']) == 0
-    assert open_map(tmp_path / 'map.db').sessions[0].frame == 'ENU 48.1 11.6'
-    capsys.readouterr()
-    assert main(['info', str(tmp_path / 'map.db'), '--json']) == 0
-    (session,) = json.loads(capsys.readouterr().out)['sessions']
-    assert (session['frame'], session['with_pose']) == ('ENU 48.1 11.6', len(pictures))
-
-
-def test_a_topic_without_a_fix_is_one_line(write, pictures):
-    rows = [
-        *recordings.drive(pictures),
-        ('/fix', 1, fix(1, 91.0, 0.0)),
-        ('/fix', 2, fix(2, math.nan, 0.0)),
-    ]
-    with pytest.raises(SourceError, match='no pose of /fix is whole and finite'):
-        open_annotated(write('mcap file', rows), odom='/fix')
+    assert north.orientation == pytest.approx((0, 0, half, half), abs=1e-6)
+    assert pose_at(0, 50 * SECOND).orientation == pytest.approx((0, 0, 0, 1), abs=1e-6)
