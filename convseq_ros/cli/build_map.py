@@ -39,7 +39,7 @@ from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import ConfigError, SourceError
 from convseq_ros.models.onnx_model import open_model
-from convseq_ros.sources import open_each_camera
+from convseq_ros.sources import open_each_camera, recordings_in, Source
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +62,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('map', type=Path, help='map file to make; each camera makes a session')
     add_images(parser)
     parser.add_argument('--append', action='store_true', help='add a session to an existing map')
+    help_ = 'the recording is a folder of recordings; each makes a session'
+    parser.add_argument('--each', action='store_true', help=help_)
     parser.add_argument('--session', help='name of the session (default: that of the recording)')
     help_ = 'frame of its poses, if other sessions share it'
     parser.add_argument('--pose-frame', metavar='NAME', help=help_)
@@ -93,11 +95,14 @@ def run(chosen: argparse.Namespace) -> int:
     """Build a map, and print the result."""
     if chosen.max_looks and chosen.no_links:
         raise ConfigError('max_looks: needs links; leave out --no-links')
+    if chosen.each and chosen.session is not None:
+        raise ConfigError('--each: sessions are named by their recordings; leave out --session')
     with tells_what_is_kept(chosen.map):
         built = build(
             chosen.recording,
             chosen.map,
             chosen_settings(chosen),
+            each=chosen.each,
             append=chosen.append,
             session=chosen.session,
             pose_frame=chosen.pose_frame,
@@ -113,7 +118,7 @@ def run(chosen: argparse.Namespace) -> int:
             f'{built.bytes / 1e6:.1f} MB; {built.added} added from {built.frames} frames '
             f'at {built.frames / max(built.seconds, 1e-9):.0f} frames/s'
         )
-        if built.added and not built.with_pose:
+        if built.added and not (built.with_pose or chosen.odom or chosen.poses):
             print(f'no poses: {_why_no_pose(chosen)}')
     if built.interrupted:
         print('convseq build-map: interrupted; the map holds what was added', file=sys.stderr)
@@ -125,6 +130,7 @@ def build(
     path: Path,
     config: Config = Config(),
     *,
+    each: bool = False,
     append: bool = False,
     session: str | None = None,
     pose_frame: str = '',
@@ -136,25 +142,24 @@ def build(
     """
     Build a map file, or add to one; `images` are arguments of `open_each_camera`.
 
-    Each of several topics makes a session. Warnings and progress go to standard error, or only
-    warnings to `on_warning`. SourceError or MapError if a file is unusable; a map keeps what was
-    added before.
+    Each of several topics makes a session; with `each`, so does each recording in a folder.
+    Warnings and progress go to standard error, or only warnings to `on_warning`. SourceError or
+    MapError if a file is unusable; a map keeps what was added before.
     """
     model = open_model(config)
     reading = with_first_stage(config, model).reading
-    sources = open_each_camera(recording, reading=reading, **images)
+    recordings = recordings_in(recording) if each else [recording]
+    sessions = _sessions(recordings, session, reading, images)
     started, report = time.monotonic(), on_warning or warn
-    name = recording.stem if session is None else session
     frames = added = unreadable = with_pose = 0
     interrupted = False
-    for number, source in enumerate(sources):
-        called = f'{name} {source.topic}' if len(sources) > 1 else name
-        before = frames
+    for name, number, source in sessions:
+        is_first, before = source is sessions[0][2], frames
         builder = MapBuilder(
             path,
             of_camera(config, number),
-            append or number > 0,
-            called,
+            append or not is_first,
+            name,
             pose_frame,
             links,
             max_looks,
@@ -174,7 +179,7 @@ def build(
             report(warning)
         added += builder.added
         if not builder.added:
-            images_of = f'images of {source.topic}' if number else 'images'
+            images_of = 'images' if is_first else f'images of {source.topic or source.name}'
             shown = f'{frames - before} {images_of}'
             raise SourceError(f'{recording}: none of its {shown} could be used')
         if interrupted:
@@ -192,17 +197,25 @@ def build(
     )
 
 
+def _sessions(
+    recordings: list[Path], session: str | None, reading: ReadingConfig, images: dict[str, Any]
+) -> list[tuple[str, int, Source]]:
+    """Return a name, the number of the camera, and the frames of each session."""
+    found: list[tuple[str, int, Source]] = []
+    for recording in recordings:
+        cameras = open_each_camera(recording, reading=reading, **images)
+        name = recording.stem if session is None else session
+        for number, camera in enumerate(cameras):
+            called = f'{name} {camera.topic}' if len(cameras) > 1 else name
+            found.append((called, number, camera))
+    return found
+
+
 def _why_no_pose(chosen: argparse.Namespace) -> str:
-    if chosen.odom or chosen.poses:
-        return (
-            f'{chosen.odom or chosen.poses} has no pose at the time of an image; check that it '
-            'covers the drive, and that both clocks agree'
-        )
-    topics = (
-        describe_recording(chosen.recording, chosen_reading(chosen))
-        .get('use', {})
-        .get('--odom', [])
-    )
+    topics: list[str] = []
+    if not chosen.each:
+        facts = describe_recording(chosen.recording, chosen_reading(chosen))
+        topics = facts.get('use', {}).get('--odom', [])
     remedy = ' or '.join(f'--odom {quoted(topic)}' for topic in topics)
     remedy = remedy or '--odom TOPIC or --poses FILE'
     return f'none were asked for; add {remedy}'

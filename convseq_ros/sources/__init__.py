@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 import heapq
+from itertools import starmap
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -47,6 +48,7 @@ class AnnotatedFrames:
     pose_at: PoseAt | None
     camera_of: CameraOf | None
     depth_at: DepthAt | None = None
+    poses_of: str = ''  # topic or file
 
     def __post_init__(self) -> None:
         self.name, self.topic = self.source.name, self.source.topic
@@ -57,14 +59,22 @@ class AnnotatedFrames:
 
     def __iter__(self) -> Iterator[Frame]:
         described: Camera | None = None
+        index, has_pose = -1, self.pose_at is None
         for index, frame in enumerate(self.source):
             pose = self.pose_at(index, frame.stamp_ns) if self.pose_at else None
+            has_pose = has_pose or pose is not None
             camera = frame.camera
             if self.camera_of and frame.gray is not None:
                 described = described or self.camera_of(*frame.gray.shape)
                 camera = fitted(described, *frame.gray.shape)
             depth_m = self.depth_at(index, frame.stamp_ns) if self.depth_at else frame.depth_m
             yield replace(frame, pose=pose or frame.pose, camera=camera, depth_m=depth_m)
+        line = (
+            f'{self.poses_of} has no pose at the time of an image; check that it covers the '
+            'drive, and that both clocks agree'
+        )
+        if index >= 0 and not has_pose and line not in self.warnings:
+            self.warnings.append(line)
 
 
 class SeveralCameras:
@@ -125,6 +135,7 @@ def open_annotated(
     pose_at: PoseAt | None = None
     if poses:
         pose_at = read_pose_file(Path(poses), len(source), reading)
+        _refuse_other_times(source, pose_at, Path(poses))
     elif odom:
         track = PoseTrack(read_poses(path, odom, reading))
         pose_at = lambda _index, stamp_ns: track.at(stamp_ns)  # noqa: E731
@@ -143,7 +154,19 @@ def open_annotated(
     elif depth:
         messages = TopicMessages(path, depth, DEPTH_TYPES, '--depth', reading)
         depth_at = DepthTopic(messages, reading, source.warnings)
-    return AnnotatedFrames(source, pose_at, camera_of, depth_at)
+    return AnnotatedFrames(source, pose_at, camera_of, depth_at, str(odom or poses))
+
+
+def _refuse_other_times(source: Source, pose_at: PoseAt, poses: Path) -> None:
+    """Raise a SourceError if pictures, whose times are known before they are read, get no pose."""
+    stamps_ns = source.stamps_ns if isinstance(source, ImageFolder) else []
+    if stamps_ns and not any(starmap(pose_at, enumerate(stamps_ns))):
+        first_s, last_s = stamps_ns[0] / 1e9, stamps_ns[-1] / 1e9
+        raise SourceError(
+            f'{poses}: has no pose at the times of the images of {source.name}, {first_s:.3f} to '
+            f'{last_s:.3f} s; name them by their times, as 1305031102.175304.png, or give a pose '
+            'for each (KITTI)'
+        )
 
 
 def open_each_camera(

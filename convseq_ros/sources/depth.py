@@ -10,7 +10,7 @@ from typing import Any
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ImageError, SourceError
-from convseq_ros.sources.folder import pictures_in
+from convseq_ros.sources.folder import pictures_in, without_depth
 from convseq_ros.sources.images import decoded, picture_bytes, pixels_of
 import cv2
 import numpy as np
@@ -53,7 +53,8 @@ class DepthFolder:
     """Depth images of a folder, 16 bit, millimetres; the first belongs to the first frame."""
 
     def __init__(self, path: Path, reading: ReadingConfig, warnings: list[str]) -> None:
-        self._pictures = pictures_in(path)
+        pictures = pictures_in(path)
+        self._pictures = without_depth(pictures)[1] or pictures
         if not self._pictures:
             raise SourceError(f'{path}: no depth images in this folder; expected PNGs of 16 bits')
         self._reading, self._warnings = reading, warnings

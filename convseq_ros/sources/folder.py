@@ -3,6 +3,7 @@
 """A folder of pictures as a stream of frames."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 import re
 
@@ -16,6 +17,10 @@ IMAGE_SUFFIXES = frozenset(
     {'.jpg', '.jpeg', '.png', '.bmp', '.tif', '.tiff', '.ppm', '.pgm', '.webp'}
 )
 FRAME_INTERVAL_NS = 100_000_000
+_DIGITS = 19  # of a time since 1970 in nanoseconds, from 2001 to 2262
+_TIME = re.compile(r'(?<![0-9.])([1-9][0-9]{9})(?:\.([0-9]{1,9})|([0-9]{3}|[0-9]{6}|[0-9]{9}))$')
+_COLOR, _DEPTH = '.color.', '.depth.'
+_DEEPEST, _MOST_SEARCHED, _MOST_NAMED = 3, 200, 4  # of folders in a folder
 
 
 def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
@@ -37,6 +42,17 @@ def pictures_in(path: Path) -> list[Path]:
     return sorted(pictures, key=natural_key)
 
 
+def without_depth(pictures: list[Path]) -> tuple[list[Path], list[Path]]:
+    """Return pictures without the depth images of 7-Scenes, NAME.depth.png, and those."""
+    names = {picture.name for picture in pictures}
+
+    def is_depth(name: str) -> bool:
+        return _DEPTH in name and name.replace(_DEPTH, _COLOR) in names
+
+    depth = [picture for picture in pictures if is_depth(picture.name)]
+    return [picture for picture in pictures if not is_depth(picture.name)], depth
+
+
 def unreadable(picture: Path, error: ImageError | OSError) -> str:
     """Return in one line why a picture cannot be used, and what to do."""
     reason = error.strerror if isinstance(error, OSError) else error
@@ -48,8 +64,8 @@ class ImageFolder:
     The pictures of a folder, in natural order of their names.
 
     The frame of a picture that cannot be read has a `problem` and no image.
-    Frames are stamped by their names if every name is a whole number of 16 digits or more
-    (nanoseconds, as EuRoC and TUM-VI name them), else 0.1 s apart (0 would be no stamp to ROS).
+    Frames are stamped by their names, and sorted by them, if `stamp_in` finds a time in every
+    name; else they are 0.1 s apart (0 would be no stamp to ROS).
     """
 
     def __init__(self, path: Path, reading: ReadingConfig = ReadingConfig()) -> None:
@@ -58,20 +74,28 @@ class ImageFolder:
         self._pictures = pictures_in(path)
         if not self._pictures:
             suffixes = ' '.join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))
+            expected = f'{suffixes}, or a .mcap, .db3 or .bag file'
             raise SourceError(
-                f'{path}: no pictures and no recording in this folder; expected {suffixes}, '
-                'or a .mcap, .db3 or .bag file'
+                f'{path}: no pictures and no recording in this folder; '
+                + (_which_folder(path) or f'expected {expected}')
             )
         self._reading = reading
         self.name = path.resolve().name
         self.topic = ''
         self.warnings: list[str] = []
+        self._pictures, depth = without_depth(self._pictures)
+        if depth:
+            self.warnings.append(
+                f'{path}: {len(depth)} depth images, such as {depth[0].name}, are left out; '
+                f'--depth {path} uses them'
+            )
+        self.stamps_ns = self._stamps(path)
 
     def __len__(self) -> int:
         return len(self._pictures)
 
     def __iter__(self) -> Iterator[Frame]:
-        for stamp_ns, picture in zip(_stamps_ns(self._pictures), self._pictures, strict=True):
+        for stamp_ns, picture in zip(self.stamps_ns, self._pictures, strict=True):
             try:
                 pixels = read_picture(picture, self._reading)
             except (ImageError, OSError) as error:
@@ -81,9 +105,51 @@ class ImageFolder:
             gray, color = gray_and_color(pixels, self._reading)
             yield Frame(stamp_ns, gray, picture.name, color=color)
 
+    def _stamps(self, path: Path) -> list[int]:
+        """Return the frames' stamps in nanoseconds; sort the pictures if they are in the names."""
+        found = {picture: stamp_in(picture) for picture in self._pictures}
+        times = {picture: stamp_ns for picture, stamp_ns in found.items() if stamp_ns is not None}
+        if len(times) == len(found):
+            self._pictures.sort(key=times.__getitem__)
+            return [times[picture] for picture in self._pictures]
+        if times:
+            other = next(picture.name for picture in self._pictures if picture not in times)
+            self.warnings.append(
+                f'{path}: {len(found) - len(times)} of {len(found)} names have no time, such as '
+                f'{other}; images count as 0.1 s apart: rename or remove those'
+            )
+        return [(index + 1) * FRAME_INTERVAL_NS for index in range(len(self._pictures))]
 
-def _stamps_ns(pictures: list[Path]) -> list[int]:
-    names = [picture.stem for picture in pictures]
-    if all(re.fullmatch('[0-9]{16,}', name) and int(name) <= MAX_STAMP_NS for name in names):
-        return [int(name) for name in names]
-    return [(index + 1) * FRAME_INTERVAL_NS for index in range(len(names))]
+
+def stamp_in(picture: Path) -> int | None:
+    """
+    Return the time since 1970 in a picture's name, in nanoseconds; None if there is none.
+
+    It ends the name: seconds with a point (TUM), or 13, 16 or 19 digits, which are milliseconds,
+    microseconds (RobotCar) or nanoseconds (EuRoC, TUM-VI).
+    """
+    found = _TIME.search(picture.stem)
+    if not found:
+        return None
+    digits = ''.join(group or '' for group in found.groups())
+    stamp_ns = int(digits.ljust(_DIGITS, '0'))
+    return stamp_ns if stamp_ns <= MAX_STAMP_NS else None
+
+
+def _which_folder(path: Path) -> str:
+    """Return which folders in a folder hold pictures, as far as three deep; '' if none does."""
+    found: list[str] = []
+    folders = [path]
+    for _ in range(_DEEPEST):
+        inner: list[Path] = []
+        for folder in folders:
+            with suppress(OSError):
+                inner += sorted(filter(Path.is_dir, folder.iterdir()), key=natural_key)
+        folders = inner[:_MOST_SEARCHED]
+        for folder in folders:
+            with suppress(SourceError):
+                if count := len(pictures_in(folder)):
+                    found.append(f'{folder} ({count})')
+    more = f' and {len(found) - _MOST_NAMED} more' if len(found) > _MOST_NAMED else ''
+    names = ', '.join(found[:_MOST_NAMED])
+    return f'give a folder in it: {names}{more}' if found else ''

@@ -56,6 +56,18 @@ def test_a_drive_replayed_in_its_own_map_finds_every_place(drive, map_path, tmp_
     assert all(row['reference_index'] == row['query_index'] for row in told)
 
 
+def test_each_recording_of_a_folder_is_a_session_if_asked(tmp_path, capsys):
+    for number, name in enumerate(('day 2', 'day 10')):
+        written(tmp_path / 'drives' / name, (scene(place, number) for place in range(3)))
+    arguments = ['build-map', tmp_path / 'drives', tmp_path / 'map.db']
+    assert 'day 2 (3)' in refused(capsys, *arguments)
+    assert 'leave out --session' in refused(capsys, *arguments, '--each', '--session', 'x')
+    assert main([*map(str, arguments), '--each']) == 0
+    opened = open_map(tmp_path / 'map.db')
+    assert [session.name for session in opened.sessions] == ['day 2', 'day 10']
+    assert len(opened) == 6
+
+
 def test_a_map_of_keyframes_is_replayed_at_keyframes_and_appended_to_alike(
     drive, tmp_path, capsys
 ):

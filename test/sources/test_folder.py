@@ -5,7 +5,7 @@
 import re
 
 from convseq_ros.errors import SourceError
-from convseq_ros.sources import open_source
+from convseq_ros.sources import open_annotated, open_source
 from convseq_ros.sources.folder import ImageFolder
 import cv2
 import numpy as np
@@ -32,11 +32,78 @@ def test_stamps_are_a_tenth_of_a_second_apart_without_better_names(tmp_path):
     assert [frame.stamp_ns for frame in ImageFolder(tmp_path)] == [10**8, 2 * 10**8, 3 * 10**8]
 
 
-def test_long_numbers_are_stamps(tmp_path):
-    stamps = [1403636579763555584, 1403636579813555456, 1520530308199447626]
-    for stamp in reversed(stamps):
-        draw(tmp_path / f'{stamp}.png')
-    assert [frame.stamp_ns for frame in ImageFolder(tmp_path)] == stamps
+@pytest.mark.parametrize(
+    ('names', 'stamps_ns'),
+    [
+        (
+            ['1403636579763555584', '1520530308199447626'],
+            [1403636579763555584, 1520530308199447626],
+        ),
+        (['1305031102.2', '1305031102.175304'], [1305031102175304000, 1305031102200000000]),
+        (['left_1403636579.763555584', 'left_1403636580.0'],
+         [1403636579763555584, 1403636580000000000]),
+        (['1400505794141322', '1400505794203809'], [1400505794141322000, 1400505794203809000]),
+        (['1493047323123', '1493047323223'], [1493047323123000000, 1493047323223000000]),
+    ],
+)  # fmt: skip
+def test_times_in_names_are_stamps(tmp_path, names, stamps_ns):
+    for name in names:
+        draw(tmp_path / f'{name}.png')
+    assert [frame.stamp_ns for frame in ImageFolder(tmp_path)] == stamps_ns
+
+
+@pytest.mark.parametrize(
+    'name', ['0000000007', '12345678901', '9999999999999999999', '2011-09-26', 'frame-000007']
+)
+def test_other_numbers_in_names_are_no_stamps(tmp_path, name):
+    draw(tmp_path / f'{name}.png')
+    folder = ImageFolder(tmp_path)
+    assert [frame.stamp_ns for frame in folder] == [10**8] and folder.warnings == []
+
+
+def test_names_of_which_some_are_times_are_told(tmp_path):
+    for name in ('1305031102.175304', '1305031102.211214', 'cover'):
+        draw(tmp_path / f'{name}.png')
+    folder = ImageFolder(tmp_path)
+    assert [frame.stamp_ns for frame in folder] == [10**8, 2 * 10**8, 3 * 10**8]
+    (line,) = folder.warnings
+    assert '1 of 3 names have no time, such as cover.png; images count as 0.1 s apart' in line
+
+
+def test_depth_images_beside_colour_images_are_depth(tmp_path):
+    for number in range(2):
+        draw(tmp_path / f'frame-{number:06}.color.png', 100 + number)
+        depth = np.full((6, 8), 1000 + number, np.uint16)
+        cv2.imwrite(str(tmp_path / f'frame-{number:06}.depth.png'), depth)
+    source = open_annotated(tmp_path, depth=str(tmp_path))
+    frames = list(source)
+    assert [frame.gray[0, 0] for frame in frames] == [100, 101]
+    assert [float(frame.depth_m[0, 0]) for frame in frames] == pytest.approx([1.0, 1.001])
+    (line,) = source.warnings
+    assert '2 depth images, such as frame-000000.depth.png, are left out; --depth' in line
+
+
+def test_poses_of_other_times_than_the_pictures_are_refused(tmp_path):
+    draw(tmp_path / '7.png')
+    poses = tmp_path / 'groundtruth.txt'
+    poses.write_text('1305031102.1 0 0 0 0 0 0 1\n1305031102.2 1 0 0 0 0 0 1\n')
+    with pytest.raises(SourceError, match=r'groundtruth.txt: has no pose .* 0.100 to 0.100 s'):
+        open_annotated(tmp_path, poses=poses)
+    (tmp_path / '7.png').rename(tmp_path / '1305031102.175304.png')
+    (frame,) = open_annotated(tmp_path, poses=poses)
+    assert frame.pose.position[0] == pytest.approx(0.75304)
+
+
+def test_folders_of_pictures_in_a_folder_are_named(tmp_path):
+    for name in ('rgb', 'depth', 'mav0/cam0/data'):
+        (tmp_path / name).mkdir(parents=True)
+        draw(tmp_path / name / '1.png')
+    with pytest.raises(SourceError) as caught:
+        open_source(tmp_path)
+    within = f'{tmp_path}/depth (1), {tmp_path}/rgb (1), {tmp_path}/mav0/cam0/data (1)'
+    assert str(caught.value) == (
+        f'{tmp_path}: no pictures and no recording in this folder; give a folder in it: {within}'
+    )
 
 
 def test_other_files_hidden_files_and_folders_are_left_out(tmp_path):
