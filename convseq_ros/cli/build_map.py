@@ -154,7 +154,7 @@ def build(
     frames = added = unreadable = with_pose = 0
     interrupted = False
     for name, number, source in sessions:
-        is_first, before = source is sessions[0][2], frames
+        is_first, before, why = source is sessions[0][2], frames, ''
         builder = MapBuilder(
             path,
             of_camera(config, number),
@@ -171,6 +171,7 @@ def build(
                     frames += 1
                     if frame.gray is None:
                         unreadable += 1
+                        why = f': {frame.problem}'
                         report(frame.problem)
                     with_pose += builder.process(frame) and frame.pose is not None
         except KeyboardInterrupt:
@@ -181,7 +182,7 @@ def build(
         if not builder.added:
             images_of = 'images' if is_first else f'images of {source.topic or source.name}'
             shown = f'{frames - before} {images_of}'
-            raise SourceError(f'{recording}: none of its {shown} could be used')
+            raise SourceError(f'{recording}: none of its {shown} could be used{why}')
         if interrupted:
             break
     return Built(

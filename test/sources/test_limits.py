@@ -113,10 +113,16 @@ def test_a_file_that_is_read_as_a_whole(tmp_path, kind):
     read(path, ReadingConfig())
 
 
+def first_picture(folder, reading):
+    frame = next(iter(open_source(folder, reading=reading)))
+    if frame.problem:
+        raise ConvseqError(frame.problem)
+
+
 @pytest.mark.parametrize(
     'read',
     [
-        lambda path, reading: next(iter(open_source(path, reading=reading))).gray,
+        first_picture,
         lambda path, reading: with_mask_read(EncodingConfig(image_mask=f'{path}/1.png'), reading),
         lambda _, reading: image_pixels(
             SimpleNamespace(
