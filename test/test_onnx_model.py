@@ -72,19 +72,9 @@ def test_a_vector_is_what_the_model_makes_of_the_normalised_image(tmp_path):
     assert own.numbers == 12
 
 
-def test_several_images_at_once_have_the_vectors_that_they_have_alone(tmp_path):
-    images = np.random.default_rng(0).integers(0, 256, (3, 20, 30), np.uint8)
+def test_a_model_of_a_free_number_of_images_gets_one(tmp_path):
     own = OnnxModel(model(tmp_path / 'm.onnx', ('images', 3, 8, 8)))
-    assert own.batch
-    alone = [own(image).tolist() for image in images]
-    assert [vector.tolist() for vector in own.batch(images)] == alone
-
-
-@pytest.mark.parametrize('shape', [(1, 3, 8, 8), ('images', 3, 8, 8)], ids=['one', 'mixed'])
-def test_a_model_of_one_image_or_that_mixes_several_is_asked_one_by_one(tmp_path, shape):
-    node = onnx.helper.make_node('LpNormalization', ['image'], ['descriptor'], axis=0)
-    own = OnnxModel(graph_model(tmp_path / 'm.onnx', [node], shape))
-    assert own.batch is None and own(np.full((8, 8), 9, np.uint8)).shape == (192,)
+    assert own(np.full((8, 8), 9, np.uint8)).shape == (12,)
 
 
 def test_channels_are_in_the_order_that_the_model_has(tmp_path):

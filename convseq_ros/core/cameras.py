@@ -73,11 +73,6 @@ class Cameras:
         match = replace(match, query_index=self._frames - 1, localization=self.localization)
         return replace(match, camera=frame.source)
 
-    def expect(self, frames: Sequence[Frame]) -> None:
-        """Call `PlaceRecognizer.expect` with the frames of each camera."""
-        for recognizer in self.each:
-            recognizer.expect([frame for frame in frames if self.of(frame.source) is recognizer])
-
     def warm_up(self) -> None:
         """Load tables, and prepare a small map, so that the first frame is not late."""
         image = np.random.default_rng(0).integers(0, 256, (64, 64), np.uint8)

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The algorithm, frame by frame; Roman numerals are sections of the paper."""
 
-from collections import deque
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -83,7 +81,6 @@ class PlaceRecognizer:
         self.localizer = Localizer(reference_map)
         self.only_maps = False  # whether frames are added to the map without being recognised
         self._last: Match | None = None  # the answer to the newest keyframe
-        self._expected: deque[tuple[int, Verdict]] = deque()  # by stamp: the frames of `expect`
 
     def process(self, frame: Frame, descriptor: Descriptor | None = None) -> Match:
         """
@@ -100,31 +97,8 @@ class PlaceRecognizer:
         match = self._match(upright(frame, self._encoding, self.config.robot), descriptor)
         return self.localizer.update(match, self.mapping.session_start, self.config)
 
-    def expect(self, frames: Sequence[Frame]) -> None:
-        """
-        Describe the frames that `process` gets next in one batch of the descriptor model.
-
-        The answers stay the same. Nothing is done if a stamp is earlier than the one before it.
-        Raises ModelError as `process` does; `process` then calls the model again.
-        """
-        if self._expected or not self.order.are_next([frame.stamp_ns for frame in frames]):
-            return
-        frames = [upright(frame, self._encoding, self.config.robot) for frame in frames]
-        gated = [(frame, self._verdict(frame)) for frame in frames]
-        self._expected.extend((frame.stamp_ns, verdict) for frame, verdict in gated)
-        keyframes = [(frame, verdict.descriptor) for frame, verdict in gated if not verdict.reason]
-        new = iter(self.first_stage.add_all(keyframes))  # descriptors with vectors
-        self._expected = deque(
-            (frame.stamp_ns, verdict if verdict.reason else replace(verdict, descriptor=next(new)))
-            for frame, verdict in gated
-        )
-
-    def _verdict(self, frame: Frame, descriptor: Descriptor | None = None) -> Verdict:
+    def _verdict(self, frame: Frame, descriptor: Descriptor | None) -> Verdict:
         """Return whether a frame is a keyframe, with its descriptor."""
-        while self._expected:
-            stamp_ns, verdict = self._expected.popleft()
-            if stamp_ns == frame.stamp_ns:
-                return verdict
 
         def encode() -> Descriptor:  # III-B, III-C: entropy, and histograms of gradients
             if descriptor is None and frame.gray is not None:
@@ -208,7 +182,6 @@ class PlaceRecognizer:
     def reset(self) -> None:
         """Forget the frames so far; the map stays, and frames are counted on."""
         self._last = self._accepted_ns = None
-        self._expected.clear()
         stages = self.order, self.gate, self.matcher, self.buffer, self.decider, self.localizer
         for stage in stages:
             stage.reset()

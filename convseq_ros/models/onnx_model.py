@@ -24,7 +24,6 @@ IMAGENET_MEAN = (0.485, 0.456, 0.406)
 IMAGENET_SCALE = (0.229, 0.224, 0.225)
 _COLORS = ('rgb', 'bgr', 'gray')
 _TYPES = {'tensor(float)': np.float32, 'tensor(float16)': np.float16}
-_SAME = 1e-3  # of a vector's length: difference due to the order of sums
 _ELSEWHERE = 'AzureExecutionProvider'  # would send images to a server
 
 
@@ -73,10 +72,9 @@ class OnnxModel:
     """
     A network that turns an image into a descriptor, a vector of `numbers` elements.
 
-    Its input is float (n, C, H, W) with 1 or 3 channels; its first output, of any shape, is the
-    vector. If n is free, `batch` describes several images at once; otherwise it is None. `size`,
-    `mean`, `scale` and `color` of the input come from the model's metadata, from a YAML file of
-    the same name beside it, or from `given`; the defaults are those of ImageNet.
+    Its input is float (1, C, H, W) with 1 or 3 channels; its first output, of any shape, is the
+    vector. `size`, `mean`, `scale` and `color` of the input come from the model's metadata, from a
+    YAML file of the same name beside it, or from `given`; the defaults are those of ImageNet.
     `identity` is the SHA-256 of the model, its weight files and the YAML file; `wants_color` is
     true if the network uses colour. ModelError if onnxruntime is missing, or if the model is
     larger than `reading` allows, is damaged, has files outside its folder, custom operators or
@@ -114,9 +112,7 @@ class OnnxModel:
         where = beside if beside.is_file() else path
         self._configure(self._graph_input().with_others(in_model, path).with_others(chosen, where))
         drawn = np.random.default_rng(0).integers(0, 256, (*self._size, 3), np.uint8)
-        alone = self(drawn)
-        self.numbers = len(alone)
-        self.batch = self._vectors if self._takes_several(drawn, alone) else None
+        self.numbers = len(self(drawn))
 
     def __call__(self, image: npt.NDArray[np.uint8], /) -> npt.NDArray[np.float32]:
         """
@@ -124,26 +120,11 @@ class OnnxModel:
 
         ModelError if the model fails, or its vector holds NaN or has another length than before.
         """
-        return self._vectors([image])[0]
+        return checked_vector(self._run(image), self.numbers, self._path)
 
-    def _vectors(self, images: Sequence[npt.NDArray[np.uint8]]) -> list[npt.NDArray[np.float32]]:
-        vectors = self._run(images) if len(images) > 1 else [self._run(images)]
-        return [checked_vector(vector, self.numbers, self._path) for vector in vectors]
-
-    def _takes_several(self, image: npt.NDArray[np.uint8], alone: npt.NDArray[np.float32]) -> bool:
-        """Return whether an image has the same vector in a batch as alone."""
-        if not self._is_free:
-            return False
-        try:
-            together = self._vectors([255 - image, image])
-        except ModelError:  # for example, a graph traced for a single image
-            return False
-        difference = np.linalg.norm(together[-1] - alone)
-        return len(together) == 2 and bool(difference <= _SAME * np.linalg.norm(alone))
-
-    def _run(self, images: Sequence[npt.NDArray[np.uint8]]) -> npt.NDArray[np.float32]:
-        """Return the model's first output for images."""
-        planes = np.stack([self._planes(image) for image in images])
+    def _run(self, image: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+        """Return the model's first output for an image."""
+        planes = self._planes(image)[None]
         try:
             return np.asarray(self._session.run(None, {self._input: planes})[0], np.float32)
         except Exception as error:
@@ -217,7 +198,6 @@ class OnnxModel:
             )
         self._input, self._type = inputs[0].name, _TYPES[inputs[0].type]
         self._channels: int = sides[1] or 0
-        self._is_free = sides[0] is None
         height, width = sides[2:]
         size = (height, width) if height and width else None
         return Input(size, color='gray' if self._channels == 1 else None)

@@ -3,7 +3,7 @@
 """The work on one frame, done in the worker's thread: decode, recognise, record, publish."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event, Lock, Thread
@@ -31,7 +31,6 @@ from convseq_ros.sources.raw_message import RawMessage
 
 _LOG_PERIOD_S = 5.0
 _PATIENCE_S = 5.0  # at the end, for the place that is being linked
-_BATCH = 4  # maximum number of images at once: decoded, they must fit into memory
 Publish = Callable[[Frame, Match, PlaceRecognizer, float], None]
 
 
@@ -155,27 +154,10 @@ class Recognition:
     def __post_init__(self) -> None:
         self.session.outlive_file()
 
-    def together(self) -> int:
-        """Return the maximum number of waiting frames that are described in one batch."""
-        return _BATCH if self.session.recognizer.first_stage.batch else 1
-
-    def handle(self, *arrivals: Arrival) -> None:
-        """Answer frames in turn; errors are logged and counted."""
-        frames = []
-        for arrival in arrivals:
-            with self._counting():
-                frames.append((arrival, *self._read(arrival)))
-        batch_ms = self._describe([frame for _, frame, _ in frames]) if len(frames) > 1 else 0.0
-        for arrival, frame, read_ms in frames:
-            with self._counting():
-                self._answer(arrival, frame, read_ms + batch_ms / len(frames))
-
-    def _describe(self, frames: list[Frame]) -> float:
-        """Describe frames in one batch; return the milliseconds that it took."""
-        start_ns = time.perf_counter_ns()
-        with suppress(ModelError):  # which is raised again by each frame's answer
-            self.session.cameras.expect(frames)
-        return (time.perf_counter_ns() - start_ns) / 1e6
+    def handle(self, arrival: Arrival) -> None:
+        """Answer a frame; an error is logged and counted."""
+        with self._counting():
+            self._answer(arrival, *self._read(arrival))
 
     @contextmanager
     def _counting(self) -> Iterator[None]:

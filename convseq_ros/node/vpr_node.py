@@ -110,8 +110,7 @@ class VprNode(ManagedNode):
             config.queue_size,
             config.max_wait_s,
             QUEUE_BYTES,
-            self._recognition.together,
-            self._recognition.close,
+            at_end=self._recognition.close,
         )
         self._maps = MapServices(
             self, self._worker, self._recognition, lambda: self._config, config.save_map_path

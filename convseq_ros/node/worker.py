@@ -19,20 +19,19 @@ class Worker(Generic[Item]):
     """
     Handles items one after another in a separate thread; drops the oldest when they pile up.
 
-    The thread calls `handle` with up to `together()` waiting items; it must not raise. At most
-    `queue_size` items wait, with `queue_bytes` in total (a single item may be larger). An item
-    is dropped once it has waited for `max_wait_s` seconds and another waits behind it; 0: never.
-    `drops` counts dropped items by cause: queue_size, memory, max_wait_s. The thread calls
-    `at_end` last, after the item at hand, however long that takes.
+    The thread calls `handle` with each item; it must not raise. At most `queue_size` items wait,
+    with `queue_bytes` in total (a single item may be larger). An item is dropped once it has
+    waited for `max_wait_s` seconds and another waits behind it; 0: never. `drops` counts dropped
+    items by cause: queue_size, memory, max_wait_s. The thread calls `at_end` last, after the item
+    at hand, however long that takes.
     """
 
     def __init__(
         self,
-        handle: Callable[..., None],
+        handle: Callable[[Item], None],
         queue_size: int,
         max_wait_s: float = 0.0,
         queue_bytes: float = math.inf,
-        together: Callable[[], int] = lambda: 1,
         at_end: Action = lambda: None,
     ) -> None:
         self.drops: Counter[str] = Counter()
@@ -40,7 +39,6 @@ class Worker(Generic[Item]):
         self._size = queue_size
         self._max_wait_ns = round(max_wait_s * 1e9)
         self._most_bytes = queue_bytes
-        self._together = together
         self._at_end = at_end
         self._bytes = 0
         self._items: deque[tuple[int, int, Item]] = deque()
@@ -106,8 +104,7 @@ class Worker(Generic[Item]):
             while len(self._items) > 1 and self._is_late():
                 self._take()
                 self.drops['max_wait_s'] += 1
-            count = min(len(self._items), self._together())
-            return partial(self._handle, *[self._take() for _ in range(count)])
+            return partial(self._handle, self._take())
 
     def _take(self) -> Item:
         _, size, item = self._items.popleft()

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any function from an image to a vector is a first stage; maps are of one, with its vectors."""
 
-from contextlib import nullcontext
 from dataclasses import replace
 import sqlite3
 
@@ -15,7 +14,7 @@ from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import build_map, link_map
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame, Reason
+from convseq_ros.core.types import Frame
 from convseq_ros.errors import ConfigError, MapError, ModelError
 import cv2
 import numpy as np
@@ -263,52 +262,3 @@ def test_what_a_stranger_wrote_into_a_map_names_no_file(frames, tmp_path, forged
         database.execute('INSERT INTO about VALUES (?, ?, ?)', (*row, row_crc(row)))
     with pytest.raises(MapError, match='damaged map'):
         open_map(path)
-
-
-class Several:
-    """Describes images one by one and several at once; notes how many, and fails when told."""
-
-    identity = 'several'
-
-    def __init__(self):
-        self.batches, self.fails = [], False
-
-    def __call__(self, image):
-        """Return a vector of one image."""
-        return small(image)
-
-    def batch(self, images):
-        """Return a vector of each image."""
-        if self.fails:
-            raise ModelError('the model fails')
-        self.batches.append(len(images))
-        return [small(image) for image in images]
-
-
-@pytest.mark.parametrize('gate', [CONFIG, Config()], ids=['every frame', 'keyframes'])
-@pytest.mark.parametrize('fails', [False, True])
-def test_frames_that_wait_have_the_answers_of_frames_one_by_one(frames, gate, fails):
-    describe = Several()
-    whole = build_map(frames(), None, gate, describe=describe)
-    alone, asked = answers(PlaceRecognizer(whole, gate, describe=describe), frames(1)), frames(1)
-    recognizer, describe.fails, found = PlaceRecognizer(whole, gate, describe=describe), fails, []
-    for first in range(0, COUNT, 4):
-        waiting = asked[first : first + 4]
-        with pytest.raises(ModelError) if fails else nullcontext():
-            recognizer.expect(waiting)
-        found += answers(recognizer, waiting)
-    assert found == alone
-    keyframes = sum(one.reason not in (Reason.BETWEEN_KEYFRAMES, None) for one in alone)
-    assert sum(describe.batches) == (0 if fails else keyframes)
-
-
-def test_a_clock_that_jumps_back_among_frames_that_wait_is_met_when_it_is_its_turn(frames):
-    describe = Several()
-    whole = build_map(frames(), None, CONFIG, describe=describe)
-    waiting = [*frames(1, 30)[20:], *frames(1, 10)]
-    recognizer = PlaceRecognizer(whole, CONFIG, describe=describe)
-    alone = answers(recognizer, waiting)
-    again = PlaceRecognizer(whole, CONFIG, describe=describe)
-    again.expect(waiting)
-    assert answers(again, waiting) == alone and again.resets == recognizer.resets == 1
-    assert not describe.batches

@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node with a descriptor model says what it costs, and goes on when it fails."""
 
-from collections import Counter
 import re
-import threading
 import time
 
 from convseq_ros.config import Config, EVERY_FRAME
@@ -74,31 +72,6 @@ def test_a_model_that_fails_is_told_and_the_built_in_descriptor_goes_on(
     assert told[-1].status[0].level == DiagnosticStatus.WARN
     assert 'model_ms' not in client.values_of(answers[-1])
     assert len(open_map(net_map)) == 25 + (mode == 'online')
-
-
-def test_frames_that_wait_are_described_in_one_batch(
-    client, vpr, net, net_map, street, image, monkeypatch
-):
-    run, counts, free = OnnxModel._run, [], threading.Event()
-
-    def runs(own, images):
-        free.wait(10)
-        counts.append(len(images))
-        return run(own, images)
-
-    vpr(map_path=net_map, descriptor_model=str(net), **PERIOD)
-    monkeypatch.setattr(OnnxModel, '_run', runs)
-    answers = client.listen(DiagnosticArray, '/vpr_node/answer')
-    told = client.listen(DiagnosticArray, '/diagnostics')
-    camera = client.camera(Image)
-    for index in range(10):
-        camera.publish(image(street[index], (100 + index) * SECOND))
-    client.wait_for(lambda: told and client.values_of(told[-1])['received'] == '10')
-    free.set()
-    client.wait_for(lambda: len(answers) == 10)
-    assert sum(counts) == 10 and max(counts) == 4
-    shares_ms = Counter(client.values_of(one)['model_ms'] for one in answers)
-    assert max(shares_ms.values()) == 4
 
 
 def test_a_model_that_is_too_slow_is_told(client, vpr, net, net_map, street, image, monkeypatch):

@@ -36,7 +36,7 @@ STABLE, MAY_CHANGE = 'stable', 'may change'
 CHANGING = {
     '/diagnostics', '~/debug_image', '~/fleet_answer', '~/markers', '~/reference_path',
     'PlaceRecognizer(matcher)', 'PlaceRecognizer(coarse)', 'PlaceRecognizer.process(descriptor)',
-    'PlaceRecognizer.expect(frames)', 'open_map(encoding)', 'open_map(keyframes)',
+    'open_map(encoding)', 'open_map(keyframes)',
     'build_map(links)',
     'convseq demo', 'convseq evaluate', 'convseq fleet', 'convseq report',
 }  # fmt: skip

@@ -164,23 +164,3 @@ def test_an_item_that_was_handled_is_let_go_before_the_next_comes():
     worker.start()
     wait_for(lambda: handled and gone() is None)
     assert worker.stop(LIMIT_S)
-
-
-def test_items_that_wait_are_handled_together_as_many_as_are_allowed(gate):
-    together, handled = 1, []
-
-    def handle(*items):
-        handled.append(items)
-        gate.wait()
-
-    worker = Worker(handle, 9, together=lambda: together)
-    worker.start()
-    worker.put(0)
-    wait_for(lambda: handled == [(0,)])
-    together = 3
-    for item in range(1, 6):
-        worker.put(item)
-    gate.set()
-    wait_for(lambda: len(handled) == 3)
-    assert handled == [(0,), (1, 2, 3), (4, 5)] and worker.dropped == 0
-    assert worker.stop(LIMIT_S)

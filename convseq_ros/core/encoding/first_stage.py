@@ -7,7 +7,6 @@ The built-in vector is the global descriptor of the cells. A descriptor model, a
 image to a vector, may replace it, for example a network; all later stages stay the same.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 import time
 from typing import Protocol
@@ -32,8 +31,7 @@ class Describe(Protocol):
     A descriptor model: from an image, uint8 (H, W) or (H, W, 3) in BGR order, to a vector (n,).
 
     It may have `identity`, a text that distinguishes it from other models (by default its name).
-    If its `wants_color` is true, it gets colour images if frames have them. Its function `batch`,
-    if any, gets several images and returns the same vectors as one call for each.
+    If its `wants_color` is true, it gets colour images if frames have them.
     """
 
     def __call__(self, image: npt.NDArray[np.uint8], /) -> npt.ArrayLike:
@@ -110,9 +108,8 @@ class FirstStage:
     Adds a model's vector to the descriptors of frames; without a model it adds nothing.
 
     `numbers` is the length of the map's vectors, 0 for an empty map. `duration_ms` is the time of
-    the newest vector, its share if it was computed in a batch, 0 before the first. `batch` is the
-    model's batch function, or None. Raises ConfigError if `describe` is not the model that the
-    encoding names.
+    the newest vector, 0 before the first. Raises ConfigError if `describe` is not the model that
+    the encoding names.
     """
 
     def __init__(
@@ -120,7 +117,6 @@ class FirstStage:
     ) -> None:
         self._describe, self._encoding, self.duration_ms = describe, encoding, 0.0
         self._numbers = numbers  # length of vectors, once it is known
-        self.batch = getattr(describe, 'batch', None)
         named, given = encoding.descriptor_model, identity_of(describe) if describe else ''
         if named and not named.startswith('#'):
             raise ConfigError(f'descriptor_model: {named} is a file; open it, and give `describe`')
@@ -129,41 +125,23 @@ class FirstStage:
             raise ConfigError(f'describe: is {names}; build the map again')
 
     def add(self, frame: Frame, descriptor: Descriptor) -> Descriptor:
-        """Return a frame's descriptor with its vector; see `add_all`."""
-        return self.add_all([(frame, descriptor)])[0]
-
-    def add_all(self, frames: Sequence[tuple[Frame, Descriptor]]) -> list[Descriptor]:
         """
-        Return the descriptors of frames with their vectors, computed in a batch if there are more.
+        Return a frame's descriptor with its vector.
 
-        ModelError if a vector is empty, not finite, or of a different length than before.
+        ModelError if the vector is empty, not finite, or of a different length than before.
         """
-        images: dict[int, npt.NDArray[np.uint8]] = {}
-        if self._encoding.descriptor_model:
-            for index, (frame, descriptor) in enumerate(frames):
-                if frame.gray is not None and descriptor.vector is None:
-                    images[index] = self._image(frame)
-        results = [descriptor for _, descriptor in frames]
-        for index, vector in zip(images, self._vectors([*images.values()]), strict=True):
-            results[index] = replace(results[index], vector=unit(vector).astype(np.float16))
-        return results
-
-    def _vectors(self, images: list[npt.NDArray[np.uint8]]) -> list[npt.NDArray[np.float32]]:
-        if not images:
-            return []
+        if not self._encoding.descriptor_model or frame.gray is None:
+            return descriptor
+        if descriptor.vector is not None:
+            return descriptor
         if self._describe is None:
             raise ConfigError(_UNSAID)
-        started = time.perf_counter()
-        if self.batch and len(images) > 1:
-            answers = self.batch(images)
-        else:
-            answers = [self._describe(image) for image in images]
-        self.duration_ms = (time.perf_counter() - started) * 1e3 / len(images)
-        vectors = []
-        for answer in answers:
-            vectors.append(checked_vector(answer, self._numbers, 'descriptor_model'))
-            self._numbers = len(vectors[-1])
-        return vectors
+        image, started = self._image(frame), time.perf_counter()
+        answer = self._describe(image)
+        self.duration_ms = (time.perf_counter() - started) * 1e3
+        vector = checked_vector(answer, self._numbers, 'descriptor_model')
+        self._numbers = len(vector)
+        return replace(descriptor, vector=unit(vector).astype(np.float16))
 
     def _image(self, frame: Frame) -> npt.NDArray[np.uint8]:
         """Return the frame's image for the model, in colour if wanted; masked cells are grey."""

@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The order of stamps: frames that come late, and clocks that jump back."""
 
-from collections.abc import Sequence
 from enum import Enum
-from itertools import pairwise
 
 _CLOCK_JUMP_NS = 1_000_000_000  # a frame that is late by more means that the clock jumped
 
@@ -26,11 +24,6 @@ class StampOrder:
             return Order.LATE
         self._last_ns = stamp_ns
         return Order.JUMPED_BACK if late_ns > 0 else Order.NEXT
-
-    def are_next(self, stamps_ns: Sequence[int]) -> bool:
-        """Return whether stamps would all be in order, each after the one before."""
-        last = [] if self._last_ns is None else [self._last_ns]
-        return all(earlier <= later for earlier, later in pairwise([*last, *stamps_ns]))
 
 
 class AnyOrder(StampOrder):
