@@ -15,7 +15,6 @@ from convseq_ros.core.encoding.first_stage import checked_vector
 from convseq_ros.errors import ModelError, one_line, pip_install, SourceError
 from convseq_ros.io.files import read_yaml
 from convseq_ros.io.regular_file import read_bytes
-from convseq_ros.models.onnx_file import external_files
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -75,10 +74,10 @@ class OnnxModel:
     Its input is float (1, C, H, W) with 1 or 3 channels; its first output, of any shape, is the
     vector. `size`, `mean`, `scale` and `color` of the input come from the model's metadata, from a
     YAML file of the same name beside it, or from `given`; the defaults are those of ImageNet.
-    `identity` is the SHA-256 of the model, its weight files and the YAML file; `wants_color` is
-    true if the network uses colour. ModelError if onnxruntime is missing, or if the model is
-    larger than `reading` allows, is damaged, has files outside its folder, custom operators or
-    another input, or fails on an image.
+    Weights may lie beside it, in `NAME.onnx.data`, where PyTorch writes them. `identity` is the
+    SHA-256 of these files; `wants_color` is true if the network uses colour. ModelError if
+    onnxruntime is missing, or if the model is larger than `reading` allows, is damaged, has other
+    files, custom operators or another input, or fails on an image.
     """
 
     def __init__(
@@ -92,20 +91,20 @@ class OnnxModel:
         except ImportError:
             raise ModelError(f'{path}: needs onnxruntime; {pip_install("onnxruntime")}') from None
         self._path, self.numbers = path, 0
+        beside, weights = path.with_suffix('.yaml'), b''
         try:
-            data, digest = self._read(path, reading)
-            beside = path.with_suffix('.yaml')
+            data = read_bytes(path, 'an ONNX model', reading.refuse_file)
+            if (file := _weights_of(path)).is_file():
+                weights = read_bytes(file, 'weights', reading.refuse_file)
+            digest = hashlib.sha256(data + weights)
             chosen = Input.of(given or {}, path)
             if beside.is_file():
                 digest.update(read_bytes(beside, 'a description', reading.refuse_file))
                 chosen = chosen.with_others(Input.of(read_yaml(beside, reading), beside), beside)
         except SourceError as error:
             raise ModelError(str(error)) from None
-        except ValueError as error:
-            line = f'{path}: not an ONNX model ({one_line(error)}); export it again'
-            raise ModelError(line) from None
         self.identity = digest.hexdigest()
-        self._session = self._opened(onnxruntime, data)
+        self._session = self._opened(onnxruntime, data, weights)
         metadata = self._session.get_modelmeta().custom_metadata_map
         names = metadata.keys() & {item.name for item in fields(Input)}
         in_model = Input.of({name: metadata[name] for name in names}, path)
@@ -147,41 +146,24 @@ class OnnxModel:
         planes = small.transpose(2, 0, 1) / 255.0
         return ((planes - self._mean) / self._scale).astype(self._type)
 
-    def _read(self, path: Path, reading: ReadingConfig) -> tuple[bytes, Any]:
-        """Return the content of the file, and the digest of it and of its weight files."""
-        data = read_bytes(path, 'an ONNX model', reading.refuse_file)
-        digest, size, folder = hashlib.sha256(data), len(data), path.resolve().parent
-        for name in external_files(data):
-            file = (folder / name).resolve()
-            if Path(name).is_absolute() or not file.is_relative_to(folder):
-                raise ModelError(
-                    f'{path}: has weights in {name[:80]!r}, outside its folder; export it anew, '
-                    'with its weights beside it'
-                )
-            if not file.is_file():
-                raise ModelError(f'{path}: has weights in {name[:80]!r}, which is missing')
-            size += file.stat().st_size
-            reading.refuse_file(path, size)
-            with file.open('rb') as opened:
-                while piece := opened.read(1 << 20):
-                    digest.update(piece)
-        return data, digest
-
-    def _opened(self, onnxruntime: Any, data: bytes) -> Any:
+    def _opened(self, onnxruntime: Any, data: bytes, weights: bytes) -> Any:
         options = onnxruntime.SessionOptions()
         options.log_severity_level = 4
         # Threads that wait for the next image leave the cores to others.
         options.add_session_config_entry('session.intra_op.allow_spinning', '0')
-        folder = str(self._path.resolve().parent)
-        where = 'session.model_external_initializers_file_folder_path'
-        options.add_session_config_entry(where, folder)
         providers = [name for name in onnxruntime.get_available_providers() if name != _ELSEWHERE]
         try:
+            if weights:
+                options.add_external_initializers_from_files_in_memory(
+                    [_weights_of(self._path).name], [weights], [len(weights)]
+                )
+            # Of a model without a path, onnxruntime reads no other file.
             return onnxruntime.InferenceSession(data, options, providers=providers)
         except Exception as error:
             raise ModelError(
                 f'{self._path}: not an ONNX model that onnxruntime can load ({one_line(error)}); '
-                'export it with standard operators'
+                f'export it with standard operators, its weights in it or in '
+                f'{_weights_of(self._path).name}'
             ) from None
 
     def _graph_input(self) -> Input:
@@ -226,6 +208,11 @@ class OnnxModel:
                 'channels; give one for each'
             )
         return np.broadcast_to(np.array(values, np.float64), self._channels).reshape(-1, 1, 1)
+
+
+def _weights_of(path: Path) -> Path:
+    """Return the file beside a model in which PyTorch stores its weights."""
+    return path.with_name(f'{path.name}.data')
 
 
 def open_model(config: Config) -> OnnxModel | None:
