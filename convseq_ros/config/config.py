@@ -153,7 +153,7 @@ class MotionConfig(Checked):
     stationary_m: float = parameter(
         0.05, 'With odometry, the robot stands still until it has moved this far or has turned '
         'by 18 degrees; 0 turns this off.',
-        unit='m', low=0.0, high=100.0,
+        unit='m', low=0.0, high=100.0, dynamic=True,
     )
 
 
@@ -164,7 +164,7 @@ class RobotConfig(Checked):
     camera_to_base: str = parameter(
         _UNKNOWN_MOUNT, 'Pose of the upright camera in base_frame (x y z in metres, then roll '
         'pitch yaw in radians; x along the lens, y left, z up), with a semicolon between several '
-        'cameras; the node prefers TF.',
+        'cameras; the node prefers TF.', dynamic=True,
     )
     odometry_way_error: float = parameter(
         0.1, 'Largest error of odometry as a fraction of the distance travelled; a match that '

@@ -35,15 +35,15 @@ class NodeConfig(Checked):
     )
     queue_size: int = parameter(
         30, 'Maximum number of waiting frames; beyond it the oldest is dropped and counted.',
-        unit='frames', low=1, high=10000,
+        unit='frames', low=1, high=10000, dynamic=True,
     )
     max_wait_s: float = parameter(
         1.0, 'A frame that has waited longer than this is dropped and counted; 0 drops none.',
-        unit='s', low=0.0, high=3600.0,
+        unit='s', low=0.0, high=3600.0, dynamic=True,
     )
     odom_wait_s: float = parameter(
         0.05, 'Maximum time that a frame waits for odometry at its stamp.',
-        unit='s', low=0.0, high=10.0,
+        unit='s', low=0.0, high=10.0, dynamic=True,
     )
     depth_topic: str = parameter(
         '', 'Topic of depth images registered to the camera (16UC1 in mm or 32FC1 in m); with '
@@ -64,14 +64,15 @@ class NodeConfig(Checked):
     )
     publish_initial_pose: bool = parameter(
         False, 'Whether a pose is published on `initialpose` each time the robot is localised '
-        'after being lost.',
+        'after being lost.', dynamic=True,
     )
     lifecycle: bool = parameter(
         False, 'Whether the node waits to be configured and activated by ~/change_state '
         '(lifecycle_msgs) instead of starting at once.',
     )
     diagnostics_period_s: float = parameter(
-        1.0, 'Time between two messages on /diagnostics.', unit='s', low=0.1, high=60.0,
+        1.0, 'Time between two messages on /diagnostics.',
+        unit='s', low=0.1, high=60.0, dynamic=True,
     )
     # fmt: on
 

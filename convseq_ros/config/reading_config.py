@@ -24,13 +24,13 @@ class ReadingConfig(Checked):
 
     max_image_mpx: float = parameter(
         64.0, 'Images that declare more pixels than this are refused before they are decoded.',
-        unit='Mpx', low=0.01, high=1000.0,
+        unit='Mpx', low=0.01, high=1000.0, dynamic=True,
     )
     max_file_mb: float = parameter(
         256.0, 'Files, and compressed chunks of recordings, that declare more data than this are '
         'refused before they are read; text counts 8 times and YAML 1024 times, because reading '
         'them takes more memory.',
-        unit='MB', low=0.001, high=1_000_000.0,
+        unit='MB', low=0.001, high=1_000_000.0, dynamic=True,
     )
     keeps_color: bool = False  # in frames, beside grey; for a model that uses it
 

@@ -51,9 +51,7 @@ class Cameras:
             recognizer.mapping = FollowedMap(reference_map, self.first.mapping)
             recognizer.decider.share(self.first.decider)
             self.recognizers[source] = recognizer
-        if len(sources) > 1:
-            x, y, z, *turn = config.robot.of_camera(0).mount
-            reference_map.usual_mount = of_roll_pitch_yaw((x, y, z), *turn)
+        self._set_usual_mount()
 
     @property
     def each(self) -> list[PlaceRecognizer]:
@@ -100,6 +98,13 @@ class Cameras:
         self.config = config
         for number, recognizer in enumerate(self.each):
             recognizer.config = of_camera(config, number)
+            recognizer.gate.configure(config)
+        self._set_usual_mount()
+
+    def _set_usual_mount(self) -> None:
+        if len(self.recognizers) > 1:
+            x, y, z, *turn = self.config.robot.of_camera(0).mount
+            self.first.reference_map.usual_mount = of_roll_pitch_yaw((x, y, z), *turn)
 
     def reset(self) -> None:
         """Forget the frames so far, as `PlaceRecognizer.reset` does."""

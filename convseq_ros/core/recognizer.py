@@ -36,7 +36,7 @@ class PlaceRecognizer:
     reference_map : ReferenceMap
         The places to recognise; it decides how frames are encoded. In online mode it grows.
     config : Config
-        Its `sequence` and `acceptance` may be replaced between two frames.
+        Its `sequence`, `acceptance` and `robot` may be replaced between two frames.
     matcher, coarse : Matcher, Coarse, optional
         They compute pair scores and coarse scores; by default as `config.matching` selects.
     describe : Describe, optional

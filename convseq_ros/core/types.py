@@ -75,6 +75,7 @@ class Frame:
     # (h, w), metres along the optical axis, registered to the image; may hold invalid depths.
     depth_m: npt.NDArray[np.float32] | None = None
     color: npt.NDArray[np.uint8] | None = None  # (H, W, 3), blue, green, red, if it is needed
+    frame_id: str = ''  # name of the camera's coordinates, as the message has it
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -135,14 +135,16 @@ def image_message(bgr: npt.NDArray[np.uint8], header: Header) -> Image:
 
 
 def status_message(
-    level: bytes, name: str, text: str, values: Mapping[str, object]
+    level: bytes, name: str, text: str, values: Mapping[str, object], hardware_id: str
 ) -> DiagnosticStatus:
     """Return one entry of /diagnostics; numbers keep three decimals."""
     pairs = [
         KeyValue(key=key, value=f'{value:.3f}' if isinstance(value, float) else str(value))
         for key, value in values.items()
     ]
-    return DiagnosticStatus(level=level, name=name, message=text, values=pairs)
+    return DiagnosticStatus(
+        level=level, name=name, message=text, hardware_id=hardware_id, values=pairs
+    )
 
 
 def match_header(match: Match, frame_id: str) -> Header:

@@ -16,7 +16,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
 _SILENCE_S = 3.0
-_LOG_PERIOD_S = 10.0
 
 
 @dataclass(slots=True)
@@ -80,9 +79,13 @@ class Diagnostics:
 
     def __post_init__(self) -> None:
         self._last = (time.monotonic_ns(), 0, 0, 0)
-        self._write_failures = 0
+        self._write_failures, self._is_silence_told = 0, False
         self._publisher = advertise(self.node, DiagnosticArray, '/diagnostics')
         self._timer = steady_timer(self.node, self.period_s, self._publish)
+
+    def configure(self, period_s: float) -> None:
+        """Publish with another period from now on."""
+        self._timer.timer_period_ns = round(period_s * 1e9)
 
     def _publish(self) -> None:
         situation = self.situation()
@@ -91,7 +94,9 @@ class Diagnostics:
         values = _values(self.statistics, situation)
         values |= {'received_hz': received_hz, 'processed_hz': processed_hz}
         name = f'{self.node.get_fully_qualified_name().lstrip("/")}: place recognition'
-        message = DiagnosticArray(status=[status_message(level, name, text, values)])
+        message = DiagnosticArray(
+            status=[status_message(level, name, text, values, situation.topic)]
+        )
         message.header.stamp = self.node.get_clock().now().to_msg()
         self._publisher.publish(message)
 
@@ -161,12 +166,20 @@ class Diagnostics:
         return self._write_failures > before or situation.session.autosave.is_failing
 
     def _silence(self, situation: Situation) -> str:
-        """Return why no images arrive, and log it now and then; empty if they do."""
+        """Return why no images arrive, and log it when that begins; empty if they do."""
         silent_s = (time.monotonic_ns() - self.statistics.last_arrival_ns) / 1e9
         if silent_s < _SILENCE_S or not situation.enabled:
+            self._is_silence_told = False
             return ''
         text = f'no images for {silent_s:.0f} s: {self.advice()}'
-        self.node.get_logger().warning(text, throttle_duration_sec=_LOG_PERIOD_S)
+        if self.statistics.received:
+            text = (
+                f'the camera stopped: no images on {situation.topic} for {silent_s:.0f} s; look '
+                'at its driver'
+            )
+        if not self._is_silence_told:
+            self.node.get_logger().warning(text)
+        self._is_silence_told = True
         return text
 
 

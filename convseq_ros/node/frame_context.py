@@ -13,10 +13,11 @@ from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.rigid import inverse, matrix, pose_of, ROBOT_LENS
 from convseq_ros.core.types import Camera, Pose
-from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.errors import ImageError, one_line, SourceError
 from convseq_ros.node.cameras import camera_info_beside
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.listener import ListeningNode
+from convseq_ros.node.once import Once
 from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.sources.camera_info import camera_from_info, fitted
 from convseq_ros.sources.depth import decode_depth, Depth, KEPT, nearest
@@ -31,7 +32,6 @@ _DEPTH, _INFO_DEPTH = 200, 10  # messages of odometry and of camera_info that ma
 _KEPT = 20_000
 _VAIN_WAITS = 3
 _LOST_FRAMES = 20
-_LOG_PERIOD_S = 10.0
 
 
 class Waiting:
@@ -89,7 +89,7 @@ class Odometry:
                     f'{self._subscription.topic}: has no pose at the time of the images; its '
                     f'newest stamp is {abs(ahead_s):.1f} s {"later" if ahead_s > 0 else "earlier"}'
                     '; check that it comes and that both clocks agree',
-                    throttle_duration_sec=_LOG_PERIOD_S,
+                    once=True,
                 )
         return pose
 
@@ -125,7 +125,7 @@ class DepthImages:
         self, node: ListeningNode, topic: str, wait_s: float, reading: ReadingConfig
     ) -> None:
         self.unreadable = self.missing = 0
-        self._logger, self._reading = node.get_logger(), reading
+        self._once, self.reading = Once(node.get_logger()), reading
         self._newest = deque[tuple[int, RawMessage]](maxlen=KEPT)
         self.waiting = Waiting(wait_s)
         self._topic = topic
@@ -143,11 +143,10 @@ class DepthImages:
             self.missing += 1
             return None
         try:
-            return decode_depth(message.image(), self._reading)
+            return decode_depth(message.image(), self.reading)
         except ImageError as error:
             self.unreadable += 1
-            line = f'{self._topic}: {error}; its frame has no depth'
-            self._logger.warning(line, throttle_duration_sec=_LOG_PERIOD_S)
+            self._once.warn(f'{self._topic}: {one_line(error)}; its frame has no depth')
             return None
 
     def _on_depth(self, cdr: bytes) -> None:
@@ -185,6 +184,11 @@ class FrameContext:
         if 'camera_info' in topics:
             self.camera.follow(topics['camera_info'])
 
+    def configure(self, wait_s: float, reading: ReadingConfig) -> None:
+        """Use another time to wait, and other limits of what is read, from now on."""
+        self.odometry.waiting.wait_s = self.depth.waiting.wait_s = wait_s
+        self.depth.reading = reading
+
     def pose_at(self, stamp_ns: int) -> Pose | None:
         """Return where an image was taken; may wait for odometry."""
         return self.odometry.pose_at(stamp_ns)
@@ -205,7 +209,7 @@ class CameraDescription:
     def __init__(self, node: ListeningNode, mount: 'Mount', topic: str = 'camera_info') -> None:
         self._camera: Camera | None = None
         self._mount, self._frame_id = mount, ''
-        self._logger = node.get_logger()
+        self._once = Once(node.get_logger())
         self._subscription = FollowingSubscription(
             node, CameraInfo, topic, self._on_camera_info, _INFO_DEPTH
         )
@@ -227,7 +231,7 @@ class CameraDescription:
             self._frame_id = message.header.frame_id
         except SourceError as error:
             self._camera = None
-            self._logger.warning(f'{self._subscription.topic}: {error}', once=True)
+            self._once.warn(f'{self._subscription.topic}: {one_line(error)}')
 
 
 class Mount:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 import time
+from typing import Any
 
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.pose.estimate import PoseEstimate
@@ -40,7 +41,7 @@ class LocalizationTopics:
     """Publishes `~/localization` and, if wanted, `initialpose`; offers `~/localize`."""
 
     node: Node
-    config: NodeConfig  # may be replaced
+    config: NodeConfig
     situation: Callable[[], Situation]  # returns the node's state
     advice: Callable[[], str]  # returns why no images may arrive
 
@@ -50,10 +51,8 @@ class LocalizationTopics:
         self._is_pose_due = False  # from localised until a match is accepted
         self._waiting = 0  # calls
         self._publisher = advertise(self.node, DiagnosticStatus, '~/localization', LATCHED)
-        self._initial_pose = None
-        if self.config.publish_initial_pose:
-            kind = PoseWithCovarianceStamped
-            self._initial_pose = advertise(self.node, kind, 'initialpose', LATCHED)
+        self._initial_pose: Any = None
+        self.configure(self.config)
         # Several calls may wait at once, while images and other services are served.
         offer = partial(self.node.create_service, callback_group=ReentrantCallbackGroup())
         offer(Trigger, '~/localize', self._on_localize, qos_profile=SERVICE_QOS)
@@ -74,9 +73,17 @@ class LocalizationTopics:
         if is_new:
             self._publish(now)
         self._is_pose_due = is_localised and (is_new or self._is_pose_due)
-        if self._is_pose_due and self._initial_pose and match.accepted:
+        wanted = self.config.publish_initial_pose
+        if self._is_pose_due and wanted and match.accepted:
             self._is_pose_due = False
             self._announce(match, estimate, remark)
+
+    def configure(self, config: NodeConfig) -> None:
+        """Use other settings from now on."""
+        self.config = config
+        if config.publish_initial_pose and not self._initial_pose:
+            kind = PoseWithCovarianceStamped
+            self._initial_pose = advertise(self.node, kind, 'initialpose', LATCHED)
 
     def give_up(self) -> None:
         self._given_up = True
@@ -89,10 +96,11 @@ class LocalizationTopics:
         if now.reference_index is not None:
             values['reference_index'] = now.reference_index
         name = self.node.get_fully_qualified_name().lstrip('/')
-        self._publisher.publish(status_message(level, name, now.state.value, values))
+        topic = self.situation().topic
+        self._publisher.publish(status_message(level, name, now.state.value, values, topic))
 
     def _announce(self, match: Match, estimate: PoseEstimate | None, remark: str) -> None:
-        if estimate and self._initial_pose:
+        if estimate:
             self._initial_pose.publish(pose_message(match, estimate, self.config.map_frame))
         else:
             self.node.get_logger().warning(f'no initialpose: {remark}', once=True)

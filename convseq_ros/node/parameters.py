@@ -16,6 +16,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
@@ -59,13 +60,32 @@ def declare(node: Node, on_change: Listener) -> tuple[Config, NodeConfig]:
         return SetParametersResult(successful=True)
 
     def announce(changes: Sequence[RosParameter]) -> None:
+        for item in changes:
+            if item.name in KNOWN and item.value != values[item.name]:
+                was, values[item.name] = values[item.name], item.value
+                node.get_logger().info(f'{item.name} is now {item.value!r}; it was {was!r}')
         if any(item.name in KNOWN for item in changes):
             on_change(*_configs(_current(node)))
 
-    node.add_pre_set_parameters_callback(_whole_numbers_to_floats)
+    def prepare(changes: list[RosParameter]) -> list[RosParameter]:
+        try:
+            refuse_unknown([it.name for it in changes if not node.has_parameter(it.name)], KNOWN)
+        except ConfigError as error:
+            node.get_logger().warning(str(error))
+            raise _Unknown(str(error)) from None
+        return _whole_numbers_to_floats(changes)
+
+    node.add_pre_set_parameters_callback(prepare)
     node.add_on_set_parameters_callback(check)
     node.add_post_set_parameters_callback(announce)
     return configs
+
+
+class _Unknown(ParameterNotDeclaredException):
+    """A parameter is unknown; the services of ROS answer with this line."""
+
+    def __init__(self, line: str) -> None:
+        Exception.__init__(self, line)
 
 
 def descriptor(item: Parameter) -> ParameterDescriptor:

@@ -138,4 +138,4 @@ def _debug_image(frame: Frame, match: Match, recognizer: PlaceRecognizer) -> Ima
     thumbnail = reference_map.thumbnail(best.reference_index) if best else b''
     image = upright(frame, reference_map.encoding)
     picture = match_picture(image, match, thumbnail, recognizer.buffer.field(best))
-    return image_message(picture, match_header(match, ''))
+    return image_message(picture, match_header(match, frame.frame_id))

@@ -26,6 +26,7 @@ from convseq_ros.errors import (
 from convseq_ros.io.results import ResultWriter
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.frame_context import FrameContext
+from convseq_ros.node.once import Once
 from convseq_ros.sources.images import gray_and_color, message_pixels
 from convseq_ros.sources.raw_message import RawMessage
 
@@ -153,6 +154,7 @@ class Recognition:
 
     def __post_init__(self) -> None:
         self.session.outlive_file()
+        self._once = Once(self.logger)
 
     def handle(self, arrival: Arrival) -> None:
         """Answer a frame; an error is logged and counted."""
@@ -245,7 +247,8 @@ class Recognition:
             gray, color = gray_and_color(message_pixels(arrival.message, reading), reading)
         except ImageError as error:
             self.statistics.unreadable += 1
-            self.logger.warning(f'{topic}: {one_line(error)}', throttle_duration_sec=_LOG_PERIOD_S)
+            self._once.warn(f'{topic}: {one_line(error)}')
             return Frame(stamp_ns, None, topic, problem=str(error))
         camera = self.context.camera_for(topic, *gray.shape)
-        return Frame(stamp_ns, gray, topic, camera=camera, color=color)
+        frame_id = arrival.message.frame_id
+        return Frame(stamp_ns, gray, topic, camera=camera, color=color, frame_id=frame_id)

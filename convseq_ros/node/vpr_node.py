@@ -227,10 +227,14 @@ class VprNode(ManagedNode):
         if not self._is_open:
             return
         self._maps.save_path = node_config.save_map_path
+        self._worker.configure(node_config.queue_size, node_config.max_wait_s)
+        self._frame_context.configure(node_config.odom_wait_s, config.reading)
+        self._diagnostics.configure(node_config.diagnostics_period_s)
 
         def apply() -> None:
             self._recognition.session.cameras.configure(config)
-            self._answers.config = self._localization.config = node_config
+            self._answers.config = node_config
+            self._localization.configure(node_config)
 
         self._worker.between_items(apply)
 

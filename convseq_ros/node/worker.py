@@ -36,8 +36,7 @@ class Worker(Generic[Item]):
     ) -> None:
         self.drops: Counter[str] = Counter()
         self._handle = handle
-        self._size = queue_size
-        self._max_wait_ns = round(max_wait_s * 1e9)
+        self.configure(queue_size, max_wait_s)
         self._most_bytes = queue_bytes
         self._at_end = at_end
         self._bytes = 0
@@ -47,6 +46,10 @@ class Worker(Generic[Item]):
         self._changed = threading.Condition()
         self._is_idle = threading.Event()  # from the last item on
         self._thread = threading.Thread(target=self._run, name='worker', daemon=True)
+
+    def configure(self, queue_size: int, max_wait_s: float) -> None:
+        """Use other limits from now on."""
+        self._size, self._max_wait_ns = queue_size, round(max_wait_s * 1e9)
 
     def start(self) -> None:
         self._thread.start()
@@ -113,7 +116,7 @@ class Worker(Generic[Item]):
 
     def _overfull(self, size: int) -> str:
         """Return the limit that another item of this size would exceed; empty if none."""
-        if len(self._items) == self._size:
+        if len(self._items) >= self._size:
             return 'queue_size'
         return 'memory' if self._bytes + size > self._most_bytes else ''
 

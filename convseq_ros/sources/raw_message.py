@@ -55,6 +55,16 @@ class RawMessage(NamedTuple):
         return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
     @property
+    def frame_id(self) -> str:
+        """Frame of a message that starts with a std_msgs/Header; empty if unreadable."""
+        fields = _Fields(self.cdr)
+        try:
+            fields.numbers(2)  # the stamp
+            return fields.text()
+        except (struct.error, IndexError, ValueError):
+            return ''
+
+    @property
     def stamp_ns(self) -> int:
         """Stamp of the header; if that is unset, the time of recording."""
         return self.header_stamp_ns or min(self.log_time_ns, MAX_STAMP_NS)

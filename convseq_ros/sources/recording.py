@@ -119,7 +119,7 @@ class Recording:
                     'the time of recording was taken instead'
                 )
             gray, color = gray_and_color(pixels, self._reading)
-            yield Frame(message.stamp_ns, gray, self.topic, color=color)
+            yield Frame(message.stamp_ns, gray, self.topic, color=color, frame_id=message.frame_id)
 
     def messages(self) -> Iterator[RawMessage]:
         """Yield the image messages undecoded, as CDR, except for those that have no stamp."""

@@ -96,6 +96,23 @@ def test_images_that_do_not_come_are_a_warning(client, vpr, map_path, impatient,
     assert status.message.startswith('no images for')
 
 
+def test_a_camera_that_stopped_is_told_once_and_every_time_that_it_stops(
+    client, vpr, map_path, impatient, street, image, capfd
+):
+    vpr(map_path=map_path, **PERIOD)
+    camera = client.camera(Image)
+    heard = client.listen(DiagnosticArray, '/diagnostics')
+    for stamp_s in (1, 2):
+        camera.publish(image(street[0], stamp_s * SECOND))
+        client.wait_for(lambda: heard[-1].status[0].level == DiagnosticStatus.OK)
+        heard.clear()
+        client.wait_for(lambda: len(heard) >= 5 and 'stopped' in heard[-1].status[0].message)
+    status = heard[-1].status[0]
+    assert status.message.startswith('the camera stopped: no images on /image for')
+    assert status.hardware_id == '/image'
+    assert capfd.readouterr().err.count('the camera stopped') == 2
+
+
 @pytest.mark.parametrize(
     ('named', 'kind', 'topic', 'remedy'),
     [

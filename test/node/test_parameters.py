@@ -123,7 +123,7 @@ def test_parameters_of_ros_itself_are_let_be(declared):
         ('min_margin', 1.5, 'range'),
         ('fixed_length', -1, 'range'),
         ('fixed_length', 2.5, 'type'),
-        ('queue_size', 5, 'read-only'),
+        ('kernel', 'numpy', 'read-only'),
         ('map_path', 'other.db', 'read-only'),
         ('min_margin', float('nan'), 'range'),
     ],

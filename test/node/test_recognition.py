@@ -96,6 +96,24 @@ def test_an_error_is_logged_and_counted_and_the_next_frame_answered(
     assert [match.query_index for _, match, _ in setup.published] == [1]
 
 
+def test_each_kind_of_unreadable_image_is_told_once_and_counted_every_time(setup, image, gray):
+    for number, encoding in enumerate(('mono7', 'mono7', 'mono5', 'mono7')):
+        message = image(gray, 1)
+        message.encoding = encoding
+        setup.handle(message, number)
+    told = [call.args[0] for call in setup.logger.warning.call_args_list]
+    assert len(told) == 2 and "'mono7' is not supported" in told[0] and 'mono5' in told[1]
+    assert setup.statistics.unreadable == 4
+
+
+def test_whoever_makes_up_new_faults_fills_no_log(setup, image, gray):
+    for number in range(100):
+        message = image(gray, 1)
+        message.encoding = f'mono{number + 100}'
+        setup.handle(message, number)
+    assert len(setup.logger.warning.call_args_list) == 20
+
+
 def test_what_fails_while_the_node_stops_is_nobodys_business(setup, image, gray, path):
     setup.ros_is_up.return_value = False
     setup.recognition.publish = Mock(side_effect=RuntimeError('context is invalid'))

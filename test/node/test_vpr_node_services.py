@@ -137,9 +137,42 @@ def test_a_dynamic_parameter_takes_effect_with_the_next_frame(client, vpr, show,
     assert show(2) == 2
     assert set_parameter(client, 'min_margin', 1).successful
     assert show(3) == -1
-    assert not set_parameter(client, 'queue_size', 3).successful
     client.wait_for(lambda: len(lengths) == 3)
     assert [message.data for message in lengths] == [1, 2, 2]
+
+
+def test_a_changed_parameter_reaches_the_part_that_uses_it(client, vpr, map_path, tmp_path, capfd):
+    node = vpr(map_path=map_path)
+    client.wait_for(lambda: node._ready)
+    assert not node.count_publishers('/initialpose')
+    changes = {
+        'queue_size': 3, 'max_wait_s': 2.5, 'odom_wait_s': 0.25, 'diagnostics_period_s': 0.5,
+        'publish_initial_pose': True, 'stationary_m': 0.5, 'camera_to_base': '1 0 0 0 0 0',
+        'max_image_mpx': 2.0, 'max_file_mb': 8.0,
+    }  # fmt: skip
+    for name, value in changes.items():
+        assert set_parameter(client, name, value).successful
+    client.wait_for(lambda: node.count_publishers('/initialpose'))
+    recognizer = node._recognition.session.recognizer
+    client.wait_for(lambda: recognizer.config.reading.max_file_mb == 8.0)
+    worker, context = node._worker, node._frame_context
+    assert (worker._size, worker._max_wait_ns) == (3, 2_500_000_000)
+    assert context.odometry.waiting.wait_s == context.depth.waiting.wait_s == 0.25
+    assert context.depth.reading.max_image_mpx == 2.0
+    assert node._diagnostics._timer.timer_period_ns == 500_000_000
+    assert recognizer.gate._standstill.config.stationary_m == 0.5
+    assert recognizer.config.robot.mount == (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert recognizer.config.reading.max_image_mpx == 2.0
+    told = capfd.readouterr().err
+    assert 'queue_size is now 3; it was 30' in told
+    assert told.count(' is now ') == len(changes)
+
+
+def test_an_unknown_parameter_is_answered_with_the_nearest_name(client, vpr):
+    vpr()
+    result = set_parameter(client, 'min_margim', 0.1)
+    assert not result.successful
+    assert result.reason == "unknown parameter 'min_margim'; did you mean min_margin?"
 
 
 def test_services_answer_while_a_frame_is_processed(client, vpr, street, image, map_path, held):

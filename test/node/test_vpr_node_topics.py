@@ -115,6 +115,7 @@ def test_the_debug_image_is_made_for_whoever_looks(client, vpr, map_path, street
     client.wait_for(lambda: pictures and stamp_to_ns(pictures[-1].header.stamp) == max(of))
     assert {stamp_to_ns(one.header.stamp) for one in pictures} <= of
     assert (pictures[-1].encoding, pictures[-1].height) == ('bgr8', 264)
+    assert pictures[-1].header.frame_id == 'camera'
     assert np.frombuffer(pictures[-1].data, np.uint8).std() > 10
 
 

@@ -45,6 +45,10 @@ class FrameGate:
         self._interval_ns = round(_EARLIEST * keyframes.keyframe_interval_s * 1e9)
         self.reset()
 
+    def configure(self, config: Config) -> None:
+        """Use another `stationary_m` from now on."""
+        self._standstill.config = config.motion
+
     def reset(self) -> None:
         self._standstill.reset()
         self._drops.reset()
