@@ -4,12 +4,16 @@
 
 import argparse
 from collections.abc import Sequence
+from contextlib import suppress
 import importlib
+from pathlib import Path
 import sys
 
 from convseq_ros import __version__
+from convseq_ros.cli.streams import discard, OUTPUT
+from convseq_ros.config.arguments import Parser
 from convseq_ros.config.parameter import refuse_retired
-from convseq_ros.errors import ConvseqError
+from convseq_ros.errors import ConfigError, ConvseqError, printable
 from convseq_ros.node.process import hand_over, interrupt, use_one_thread
 
 use_one_thread()
@@ -37,7 +41,7 @@ MOVED = ('link', 'merge', 'split', 'remove', 'rename')
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run a sub-command; return 0 for success, 1 after an error in one line, 2 for wrong usage."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='convseq',
         description='Training-free visual place recognition on a CPU.',
         epilog='\n'.join(f'  {name:10} {text}' for name, text in COMMANDS.items()),
@@ -56,7 +60,7 @@ def main(args: Sequence[str] | None = None) -> int:
     name = 'processes' if chosen.command in NODES else chosen.command.replace('-', '_')
     command = importlib.import_module(f'convseq_ros.cli.{name}')
     hand_over(interrupt)
-    subparser = argparse.ArgumentParser(
+    subparser = Parser(
         prog=f'convseq {chosen.command}', description=COMMANDS[chosen.command].capitalize() + '.'
     )
     try:
@@ -65,13 +69,39 @@ def main(args: Sequence[str] | None = None) -> int:
         if chosen.command in NODES:
             command.become_node(NODES[chosen.command], chosen.arguments)
         command.describe(subparser)
-        return int(command.run(subparser.parse_args(chosen.arguments)))
+        options = subparser.parse_args(chosen.arguments)
+        _refuse_foreign(options)
+        return int(command.run(options))
     except ConvseqError as error:
-        print(f'convseq {chosen.command}: {error}', file=sys.stderr)
+        problem = str(error)
+    except BrokenPipeError as error:
+        if error.filename is None:  # the reader of the output has what it wants
+            discard()
+            return 0
+        problem = f'{error.filename}: {error.strerror}'
     except OSError as error:
-        print(
-            f'convseq {chosen.command}: {error.filename or ""}: {error.strerror}', file=sys.stderr
-        )
+        if error.filename is None:
+            discard()
+        problem = f'{error.filename or OUTPUT}: {error.strerror}'
     except KeyboardInterrupt:
-        print(f'convseq {chosen.command}: interrupted', file=sys.stderr)
+        problem = 'interrupted'
+    for word in chosen.arguments:
+        _, _, value = word.partition('=')
+        for name in (word, value):
+            problem = problem.replace(name, printable(name)) if name else problem
+    with suppress(OSError):
+        print(f'convseq {chosen.command}: {problem}', file=sys.stderr)
     return 1
+
+
+def _refuse_foreign(options: argparse.Namespace) -> None:
+    """Raise a ConfigError for a word that is not UTF-8, unless it names a file."""
+    given = [
+        word
+        for value in vars(options).values()
+        for word in (value if isinstance(value, list) else [value])
+        if isinstance(word, str)
+    ]
+    for word in given:
+        if word.encode('utf-8', 'ignore').decode() != word and not Path(word).exists():
+            raise ConfigError(f"'{printable(word)}' is not UTF-8; write it in UTF-8")

@@ -17,10 +17,12 @@ from convseq_ros.cli.options import (
     add_max_looks,
     chosen_images,
     progress,
+    quoted,
+    say,
     tells_what_is_kept,
     warn,
 )
-from convseq_ros.cli.recording import describe_recording, quoted
+from convseq_ros.cli.recording import describe_recording
 from convseq_ros.config import (
     Config,
     EncodingConfig,
@@ -37,7 +39,7 @@ from convseq_ros.core.cameras import of_camera
 from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map_builder import MapBuilder
-from convseq_ros.errors import ConfigError, SourceError
+from convseq_ros.errors import ConfigError, printable, SourceError
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources import open_each_camera, recordings_in, Source
 
@@ -113,7 +115,7 @@ def run(chosen: argparse.Namespace) -> int:
     if chosen.json:
         print(json.dumps(asdict(built)))
     else:
-        print(
+        say(
             f'{built.map}: {built.references} references, {built.with_pose} with a pose, '
             f'{built.bytes / 1e6:.1f} MB; {built.added} added from {built.frames} frames '
             f'at {built.frames / max(built.seconds, 1e-9):.0f} frames/s'
@@ -205,7 +207,7 @@ def _sessions(
     found: list[tuple[str, int, Source]] = []
     for recording in recordings:
         cameras = open_each_camera(recording, reading=reading, **images)
-        name = recording.stem if session is None else session
+        name = printable(recording.stem) if session is None else session
         for number, camera in enumerate(cameras):
             called = f'{name} {camera.topic}' if len(cameras) > 1 else name
             found.append((called, number, camera))

@@ -9,6 +9,7 @@ import sys
 
 from convseq_ros.cli.options import add_config, chosen_config
 from convseq_ros.config import EVERY_FRAME
+from convseq_ros.config.arguments import local
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.bench import DEFAULT_METHODS, evaluate, PAST, Plan, PUBLISHED
 from convseq_ros.evaluation.data_set import open_data_set, ready_made
@@ -22,7 +23,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     forms = [f'{name}:{kind.argument}' if kind.argument else name for name, kind in KINDS.items()]
     # A table of options reads better in few lines.
     # fmt: off
-    parser.add_argument('sets', nargs='*', metavar='SET',
+    parser.add_argument('sets', type=local, nargs='*', metavar='SET',
         help=f'data set: a YAML file, or one of {", ".join(ready_made())}')
     parser.add_argument('--method', action='append', metavar='METHOD',
         help='[label=]KIND[-kN][@single|@dynamic|@kN][+option=value]..., KIND one of '

@@ -16,7 +16,7 @@ from typing import Any
 
 from convseq_ros import __version__
 from convseq_ros.cli.map_picture import draw_map
-from convseq_ros.cli.options import printable, warn
+from convseq_ros.cli.options import warn
 from convseq_ros.cli.recording import describe_recording, recording_lines
 from convseq_ros.config.reading_config import add_reading, chosen_reading
 from convseq_ros.core.compiled import library
@@ -24,6 +24,7 @@ from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.errors import printable
 from convseq_ros.evaluation.provenance import processor, version_of
 from convseq_ros.sources import is_recording_file
 import cv2

@@ -14,7 +14,7 @@ from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Localization, Match
-from convseq_ros.errors import ConfigError, ConvseqError, ImageError, SourceError
+from convseq_ros.errors import ConfigError, ConvseqError, ImageError, printable, SourceError
 from convseq_ros.evaluation.match_picture import match_picture
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.models.onnx_model import open_model
@@ -69,11 +69,11 @@ def _frames(
             gray, color = gray_and_color(read_picture(path, reading), reading)
         except ImageError as error:
             problem = unreadable(path, error)
-            frames.append(Frame(stamp_ns, None, str(path), problem=problem))
+            frames.append(Frame(stamp_ns, None, printable(str(path)), problem=problem))
             continue
         height, width = gray.shape
         camera = read_camera_file(camera_info, height, width, reading) if camera_info else None
-        frames.append(Frame(stamp_ns, gray, str(path), camera=camera, color=color))
+        frames.append(Frame(stamp_ns, gray, printable(str(path)), camera=camera, color=color))
     problems = [frame.problem for frame in frames if frame.gray is None]
     if len(problems) == len(frames):
         raise SourceError(problems[-1])

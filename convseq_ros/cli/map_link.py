@@ -13,7 +13,7 @@ import sys
 
 from convseq_ros.cli.build_map import link_parameters
 from convseq_ros.cli.map_picture import draw_solved
-from convseq_ros.cli.options import map_progress, printable, progress
+from convseq_ros.cli.options import map_progress, progress
 from convseq_ros.config import make_config
 from convseq_ros.config.parameter import add_parameters, given
 from convseq_ros.core.graph.links import Link
@@ -23,7 +23,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.core.rigid import matrix, pose_of
-from convseq_ros.errors import MapError
+from convseq_ros.errors import MapError, printable
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.edges import edges_of, Poses

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.cli.options import printable
 from convseq_ros.core.map.edit import slices_of
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import constants
+from convseq_ros.errors import printable
 from convseq_ros.evaluation.plots import new_figure, save
 from convseq_ros.pose_graph.edges import Poses
 import numpy as np

@@ -12,12 +12,13 @@ import sys
 from typing import Any, TypeVar
 
 from convseq_ros.config import Config, core_parameters, make_config, OnlineConfig
+from convseq_ros.config.arguments import local
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import add_parameters, given, parameters, refuse_unknown, Value
 from convseq_ros.config.reading_config import chosen_reading, ReadingConfig
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.reader import MapReader, open_map
-from convseq_ros.errors import ConfigError, MapError
+from convseq_ros.errors import ConfigError, MapError, printable
 from convseq_ros.io.files import read_yaml
 
 Item = TypeVar('Item')
@@ -54,9 +55,9 @@ def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
         help_ = 'text file of poses instead, in the format of TUM or KITTI'
         add('--poses', type=Path, metavar='FILE', help=help_)
     help_ = f'topic or file (YAML of ROS, calib.txt of KITTI) of the camera; {several}'
-    add('--camera-info', default='', metavar='TOPIC|FILE', help=help_)
+    add('--camera-info', type=local, default='', metavar='TOPIC|FILE', help=help_)
     help_ = 'depth images registered to the first camera: a topic, or a folder of 16-bit PNGs (mm)'
-    add('--depth', default='', metavar='TOPIC|FOLDER', help=help_)
+    add('--depth', type=local, default='', metavar='TOPIC|FOLDER', help=help_)
 
 
 def chosen_images(chosen: argparse.Namespace) -> dict[str, Any]:
@@ -111,9 +112,14 @@ def progress(items: Iterable[Item], total: int, name: str, unit: str = 'frames')
     yield from tqdm(items, name, total, unit=f' {unit}', dynamic_ncols=True)
 
 
+def say(line: str) -> None:
+    """Print a line, one also if it holds a file's name of two lines."""
+    print(printable(line))
+
+
 def warn(line: str) -> None:
     """Print a warning on standard error."""
-    print(f'warning: {line}', file=sys.stderr)
+    print(f'warning: {printable(line)}', file=sys.stderr)
 
 
 @contextmanager
@@ -128,7 +134,7 @@ def tells_what_is_kept(path: Path) -> Iterator[None]:
             ids = [after.sessions[place.session].id for place in after.places]
             if new := [one for one in ids if one not in before]:
                 chosen = ''.join(f' --session {one}' for one in dict.fromkeys(new))
-                remedy = f'convseq map remove {shlex.quote(str(path))}{chosen}'
+                remedy = f'convseq map remove {quoted_path(str(path))}{chosen}'
                 remedy = remedy if before else 'delete it'
                 kept = f'keeps the places of this run ({len(new)})'
                 warn(f'{path}: {kept}; to take them out: {remedy}')
@@ -146,13 +152,14 @@ def map_progress(path: Path) -> Callable[[Sequence[int]], Iterable[int]]:
     return lambda steps: progress(steps, len(steps), path.name, '64 places')
 
 
-def printable(text: str) -> str:
-    """Return a text of unknown origin in printable characters; bytes of others in hexadecimal."""
-    return ''.join(letter if letter.isprintable() else _escaped(letter) for letter in text)
+def quoted(name: str) -> str:
+    """Return a name of unknown origin, quoted as one word for a shell."""
+    return shlex.quote(printable(name))
 
 
-def _escaped(letter: str) -> str:
-    """Return a character's bytes; one that is not UTF-8 in a file's name is a surrogate here."""
-    is_of_name = 0xDC80 <= ord(letter) <= 0xDCFF
-    encoded = letter.encode('utf-8', 'surrogateescape' if is_of_name else 'surrogatepass')
-    return ''.join(f'\\x{byte:02x}' for byte in encoded)
+def quoted_path(path: str) -> str:
+    """Return a path as one word for bash, which reads it back also if it is not printable."""
+    if path.isprintable():
+        return shlex.quote(path)
+    escaped = path.replace('\\', r'\\').replace("'", r'\'')
+    return f"$'{printable(escaped)}'"

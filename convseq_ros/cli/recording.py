@@ -4,12 +4,11 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-import shlex
 from typing import Any
 
-from convseq_ros.cli.options import printable
+from convseq_ros.cli.options import quoted, quoted_path
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.errors import ImageError, printable, SourceError
 from convseq_ros.sources import holds_recording, open_source
 from convseq_ros.sources.images import ENCODINGS
 from convseq_ros.sources.raw_message import COMPRESSED_IMAGE, IMAGE_TYPES, RawMessage
@@ -164,16 +163,3 @@ def _chosen(use: dict[str, list[str]]) -> tuple[dict[str, str], list[str]]:
         if name != chosen.get(option)
     ]
     return chosen, others
-
-
-def quoted(name: str) -> str:
-    """Return a name of unknown origin, quoted as one word for a shell."""
-    return shlex.quote(printable(name))
-
-
-def quoted_path(path: str) -> str:
-    """Return a path as one word for bash, which reads it back also if it is not printable."""
-    if path.isprintable():
-        return shlex.quote(path)
-    escaped = path.replace('\\', r'\\').replace("'", r'\'')
-    return f"$'{printable(escaped)}'"

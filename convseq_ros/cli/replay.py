@@ -20,6 +20,7 @@ from convseq_ros.cli.options import (
     chosen_config,
     chosen_images,
     progress,
+    say,
     tells_what_is_kept,
     warn,
 )
@@ -72,8 +73,8 @@ def run(chosen: argparse.Namespace) -> int:
     else:
         if session.is_growing:
             kept = session.autosave.committed
-            print(f'{chosen.map}: {session.added} references added, {kept} in all')
-        print(f'{chosen.output}: {in_words(summary, session.slow)}')
+            say(f'{chosen.map}: {session.added} references added, {kept} in all')
+        say(f'{chosen.output}: {in_words(summary, session.slow)}')
     return 0
 
 

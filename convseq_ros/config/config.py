@@ -42,7 +42,7 @@ class EncodingConfig(Checked):
     resize: str = 'exact'  # same result on every processor; linear is the published method
     image_mask: str = parameter(
         '', 'Picture file that is black where images show the robot itself; empty uses the mask '
-        'that the map stores, if any.',
+        'that the map stores, if any.', is_path=True,
     )
     image_rotation_deg: int = parameter(
         0, 'Counter-clockwise rotation of images before anything else, for a camera that is '
@@ -50,7 +50,7 @@ class EncodingConfig(Checked):
     )
     descriptor_model: str = parameter(
         '', 'ONNX file of the network whose descriptors select the places to compare; empty for '
-        'the built-in descriptor. All places of a map need the same model.',
+        'the built-in descriptor. All places of a map need the same model.', is_path=True,
     )
     keeps_cells: bool = True  # whether maps store cells; `matching: descriptor` needs none
 

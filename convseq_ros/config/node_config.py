@@ -19,12 +19,15 @@ class NodeConfig(Checked):
 
     map_path: str = parameter(
         '', 'Map file to open at the start; online mode creates it if it does not exist.',
+        is_path=True,
     )
     save_map_path: str = parameter(
         '', 'File to which ~/save_map writes a copy of the map; if empty, online mode saves to '
-        'map_path.', dynamic=True,
+        'map_path.', dynamic=True, is_path=True,
     )
-    result_file: str = parameter('', 'CSV file that gets a row for every frame; empty for none.')
+    result_file: str = parameter(
+        '', 'CSV file that gets a row for every frame; empty for none.', is_path=True,
+    )
     fleet: str = parameter(
         '', 'Address of a Dask scheduler, such as tcp://127.0.0.1:8786, whose maps are searched '
         'in addition to map_path, with answers on ~/fleet_answer; empty for none.',

@@ -9,6 +9,7 @@ import difflib
 import math
 from typing import Any
 
+from convseq_ros.config.arguments import local
 from convseq_ros.errors import ConfigError
 
 Value = bool | int | float | str
@@ -45,6 +46,7 @@ class Parameter:
     high: float | None = None
     choices: tuple[str, ...] = ()
     dynamic: bool = False  # whether it may change while a node runs
+    is_path: bool = False  # whether it is the name of a file
 
     def check(self, value: object) -> Value:
         """Return the value in this type, 1 for 1.0; ConfigError if wrong or out of bounds."""
@@ -61,6 +63,8 @@ class Parameter:
             raise ConfigError(f'{self.name}: {value!r} is not one of {", ".join(self.choices)}')
         if isinstance(value, float) and not math.isfinite(value):
             raise ConfigError(f'{self.name}: {value!r} is not a finite number')
+        if self.is_path:
+            return local(str(value))
         too_low = self.low is not None and value < self.low  # type: ignore[operator]
         too_high = self.high is not None and value > self.high  # type: ignore[operator]
         if too_low or too_high:

@@ -65,7 +65,12 @@ def replace_safely(part: Path, path: Path) -> None:
 
 @contextmanager
 def complete_or_absent(path: Path) -> Iterator[Path]:
-    """Yield an unused path to write a file to; rename it to `path` at the end."""
-    with tempfile.TemporaryDirectory(PART, f'{path.name}.', path.parent) as folder:
-        yield (part := Path(folder, path.name))
-        replace_safely(part, path)
+    """Yield an unused path to write a file to; rename it to `path`, which an OSError names."""
+    try:
+        with tempfile.TemporaryDirectory(PART, f'{path.name}.', path.parent) as folder:
+            yield (part := Path(folder, path.name))
+            replace_safely(part, path)
+    except OSError as error:
+        if error.filename is None or f'{path.name}.' in str(error.filename):
+            error.filename = str(path)
+        raise

@@ -12,6 +12,7 @@ import time
 from typing import TypeVar
 
 from convseq_ros.config import Config
+from convseq_ros.config.arguments import local
 from convseq_ros.core.map.format import is_map_or_empty
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.pipeline import Pipeline
@@ -73,7 +74,7 @@ class MapServices:
     async def _on_load_map(
         self, request: LoadMap.Request, response: LoadMap.Response
     ) -> LoadMap.Response:
-        path = request.map_url.removeprefix('file://')
+        path = local(request.map_url)
         try:
             if not path:
                 raise MapError('map_url is empty; give the path of a map')

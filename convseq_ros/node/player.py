@@ -14,6 +14,7 @@ if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
     run_node('convseq_ros.node.player')
 
+from convseq_ros.config.arguments import Parser
 from convseq_ros.config.reading_config import add_reading, chosen_reading
 from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.node.conversions import stamp_from_ns
@@ -175,11 +176,10 @@ def _progress(sent: int, total: int, loop: bool) -> None:
 
 
 def parser() -> argparse.ArgumentParser:
-    result = argparse.ArgumentParser(
+    result = Parser(
         prog='convseq play',
         description='Publish the images of a recording on their topic, or pictures on /image, '
         'and /clock.',
-        allow_abbrev=False,
     )
     result.add_argument('recording', type=Path, metavar='RECORDING')
     result.add_argument('--topic', default='', help='image topic of the recording, if several')

@@ -9,7 +9,7 @@ import re
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Frame
-from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.errors import ImageError, printable, SourceError
 from convseq_ros.sources.images import gray_and_color, read_picture
 from convseq_ros.sources.raw_message import MAX_STAMP_NS
 
@@ -56,7 +56,7 @@ def without_depth(pictures: list[Path]) -> tuple[list[Path], list[Path]]:
 def unreadable(picture: Path, error: ImageError | OSError) -> str:
     """Return in one line why a picture cannot be used, and what to do."""
     reason = error.strerror if isinstance(error, OSError) else error
-    return f'{picture}: not a readable picture ({reason}); restore it or remove it'
+    return f'{printable(str(picture))}: not a readable picture ({reason}); restore it or remove it'
 
 
 class ImageFolder:
@@ -80,7 +80,7 @@ class ImageFolder:
                 + (_which_folder(path) or f'expected {expected}')
             )
         self._reading = reading
-        self.name = path.resolve().name
+        self.name = printable(path.resolve().name)
         self.topic = ''
         self.warnings: list[str] = []
         self._pictures, depth = without_depth(self._pictures)
@@ -100,10 +100,10 @@ class ImageFolder:
                 pixels = read_picture(picture, self._reading)
             except (ImageError, OSError) as error:
                 problem = unreadable(picture, error)
-                yield Frame(stamp_ns, None, picture.name, problem=problem)
+                yield Frame(stamp_ns, None, printable(picture.name), problem=problem)
                 continue
             gray, color = gray_and_color(pixels, self._reading)
-            yield Frame(stamp_ns, gray, picture.name, color=color)
+            yield Frame(stamp_ns, gray, printable(picture.name), color=color)
 
     def _stamps(self, path: Path) -> list[int]:
         """Return the frames' stamps in nanoseconds; sort the pictures if they are in the names."""

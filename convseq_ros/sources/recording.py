@@ -11,7 +11,7 @@ import sys
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Camera, Frame, Pose
-from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.errors import ImageError, printable, SourceError
 from convseq_ros.sources.camera_info import camera_from_info
 from convseq_ros.sources.images import gray_and_color, message_pixels
 from convseq_ros.sources.pose_track import pose_from_message
@@ -94,7 +94,7 @@ class Recording:
     ) -> None:
         self._path, self._reading = path, reading
         self._messages = TopicMessages(path, topic, IMAGE_TYPES, '--topic', reading)
-        self.name, self.warnings = path.resolve().name, self._messages.warnings
+        self.name, self.warnings = printable(path.resolve().name), self._messages.warnings
         self.topic, self.type_name = self._messages.chosen.name, self._messages.chosen.type_name
         self._count = min(self._messages.chosen.count, sys.maxsize)
         for storage in self._messages.storages:

@@ -1,0 +1,49 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Standard output and error, which may be closed, full, or of a poor encoding."""
+
+import codecs
+from contextlib import suppress
+import os
+import sys
+from typing import Any
+
+from convseq_ros.errors import escaped
+
+OUTPUT = 'standard output'
+_MODES = {'stdin': 'r', 'stdout': 'w', 'stderr': 'w'}
+
+
+def prepare() -> None:
+    """Open streams that are closed, and print what an encoding lacks in hexadecimal."""
+    codecs.register_error('convseq', _in_hexadecimal)
+    for name, mode in _MODES.items():
+        if getattr(sys, name) is None:  # a file that is opened later would take its place
+            handle = os.open(os.devnull, os.O_RDWR)
+            setattr(sys, name, open(handle, mode, encoding='utf-8', closefd=False))
+        if mode == 'w':
+            getattr(sys, name).reconfigure(errors='convseq')
+
+
+def finish(code: int) -> int:
+    """Write what is left of the output; return the exit code, 1 if that fails."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader, such as `head`, has what it wants
+        discard()
+    except OSError as error:
+        discard()
+        with suppress(OSError):
+            print(f'convseq: {OUTPUT}: {error.strerror}', file=sys.stderr)
+        return code or 1
+    return code
+
+
+def discard() -> None:
+    """Write nothing more to standard output."""
+    with suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _in_hexadecimal(error: Any) -> tuple[str, int]:
+    return ''.join(map(escaped, error.object[error.start : error.end])), error.end

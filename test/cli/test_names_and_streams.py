@@ -1,0 +1,144 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Names that are not UTF-8 or have two lines, and streams that are closed, full or of latin-1."""
+
+import errno
+import json
+import os
+from pathlib import Path
+import shlex
+import subprocess
+import sys
+
+from convseq_ros.cli import main
+from convseq_ros.config.arguments import Parser
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.errors import printable
+from convseq_ros.io.regular_file import complete_or_absent
+from convseq_ros.io.results import read_results
+from pictures import scene, written
+import pytest
+
+CONVSEQ = [sys.executable, '-m', 'convseq_ros.cli']
+NAMES = [b'M\xfcnchen', b'new\nline', b"it's \\ a #?%20&b"]
+
+
+@pytest.fixture(scope='module')
+def drive(tmp_path_factory):
+    return written(tmp_path_factory.mktemp('data') / 'drive', map(scene, range(3)))
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_a_folder_of_any_name_becomes_a_map_and_is_replayed(name, drive, tmp_path, capsys):
+    base = Path(os.fsdecode(bytes(tmp_path) + b'/' + name))
+    base.symlink_to(drive)
+    path, table = f'{base}.db', f'{base}.csv'
+    assert main(['build-map', str(base), path]) == 0
+    assert open_map(path).sessions[0].name == printable(base.name)
+    assert main(['replay', str(base), '--map', path, '--output', table]) == 0
+    assert len(read_results(Path(table))) == 3
+    assert main(['build-map', str(base), path]) == 1
+    told = capsys.readouterr()
+    assert told.err.startswith(f'convseq build-map: {printable(path)}: exists already')
+    assert told.err.count('\n') == 1
+    assert [line for line in told.out.splitlines() if line.startswith(printable(path))]
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_the_line_to_paste_names_a_folder_of_any_name(name, drive, tmp_path, capsys):
+    base = Path(os.fsdecode(bytes(tmp_path) + b'/' + name))
+    base.symlink_to(drive)
+    assert main(['info', str(base)]) == 0
+    (line,) = [one for one in capsys.readouterr().out.splitlines() if 'build-map' in one]
+    shown = subprocess.run(
+        ['bash', '-c', line.replace('convseq build-map', 'printf %s').replace(' map.db', '')],
+        capture_output=True,
+        check=True,
+    )
+    assert shown.stdout == os.fsencode(base)
+
+
+def test_pictures_of_any_name_are_told_by_it(tmp_path, capsys):
+    folder = written(tmp_path / 'drive', map(scene, range(2)))
+    odd = Path(os.fsdecode(bytes(folder) + b'/001\xfc.png'))
+    (folder / '001.png').rename(odd)
+    assert main(['build-map', str(folder), str(tmp_path / 'map.db')]) == 0
+    assert [place.source for place in open_map(tmp_path / 'map.db').places][1] == r'001\xfc.png'
+    odd.write_bytes(b'no picture')
+    capsys.readouterr()
+    assert main(['build-map', str(folder), str(tmp_path / 'other.db')]) == 0
+    assert r'001\xfc.png: not a readable picture' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('word', ['--session', '--topic', '--odom', '--camera-info'])
+def test_words_that_are_not_utf_8_are_refused_in_one_line(word, drive, tmp_path, capsys):
+    path = tmp_path / 'map.db'
+    assert main(['build-map', str(drive), str(path), word, 'caf\udce9']) == 1
+    told = capsys.readouterr().err
+    assert told == "convseq build-map: 'caf\\xe9' is not UTF-8; write it in UTF-8\n"
+    assert not path.exists()
+
+
+def test_home_and_addresses_are_found(drive, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv('HOME', str(tmp_path))
+    assert main(['build-map', str(drive), '~/my map.db']) == 0
+    address = f'file://{tmp_path}/my%20map.db'
+    for name in ('~/my map.db', address, address.replace('//', '//localhost', 1)):
+        capsys.readouterr()
+        assert main(['info', name, '--json']) == 0
+        assert json.loads(capsys.readouterr().out)['map'] == str(tmp_path / 'my map.db')
+
+
+def test_options_have_no_abbreviations():
+    parser = Parser()
+    parser.add_argument('--picture')
+    verb = parser.add_subparsers().add_parser('verb')
+    verb.add_argument('--output')
+    for words in (['--pic', 'x'], ['verb', '--out', 'x']):
+        with pytest.raises(SystemExit):
+            parser.parse_args(words)
+    assert parser.parse_args(['verb', '--output', 'x']).output == 'x'
+
+
+def bash(line):
+    """Return what is said on a line of bash."""
+    return subprocess.run(['bash', '-c', line], capture_output=True, text=True, check=False)
+
+
+def test_a_closed_output_costs_no_map(drive, tmp_path):
+    path = tmp_path / 'map.db'
+    command = shlex.join([*CONVSEQ, 'build-map', str(drive), str(path)])
+    done = bash(f'{command} >&- <&-')
+    assert (done.returncode, done.stderr, len(open_map(path))) == (0, '', 3)
+
+
+@pytest.mark.parametrize(
+    ('end', 'code', 'told'),
+    [
+        ('> /dev/full', 1, 'convseq info: standard output: No space left on device\n'),
+        ('2> /dev/full > /dev/full', 1, ''),
+        ('| true; (exit ${PIPESTATUS[0]})', 0, ''),
+    ],
+)
+def test_an_output_that_is_full_or_left_is_one_line_at_most(end, code, told):
+    done = bash(f'{shlex.join([*CONVSEQ, "info", "--json"])} {end}')
+    assert (done.returncode, done.stderr) == (code, told)
+
+
+def test_an_output_of_ascii_gets_bytes_in_hexadecimal(drive, tmp_path):
+    folder = tmp_path / '東京'
+    folder.symlink_to(drive)
+    done = bash(f'PYTHONIOENCODING=ascii {shlex.join([*CONVSEQ, "info", str(folder)])}')
+    assert (done.returncode, done.stderr) == (0, '')
+    assert done.stdout.startswith(f'{tmp_path}/\\xe6\\x9d\\xb1\\xe4\\xba\\xac: 3 images\n')
+
+
+@pytest.mark.parametrize('name', ['', 'part'])
+def test_a_full_disk_is_told_with_the_name_of_the_file(name, tmp_path):
+    with (
+        pytest.raises(OSError, match='No space') as caught,
+        complete_or_absent(tmp_path / 'a') as it,
+    ):
+        raise OSError(errno.ENOSPC, 'No space', *([str(it)] if name else []))
+    assert caught.value.filename == str(tmp_path / 'a')
+    assert not any(tmp_path.iterdir())
