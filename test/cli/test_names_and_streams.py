@@ -12,6 +12,7 @@ import sys
 
 from convseq_ros.cli import main
 from convseq_ros.config.arguments import Parser
+from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.errors import printable
 from convseq_ros.io.regular_file import complete_or_absent
@@ -87,6 +88,9 @@ def test_home_and_addresses_are_found(drive, tmp_path, monkeypatch, capsys):
         capsys.readouterr()
         assert main(['info', name, '--json']) == 0
         assert json.loads(capsys.readouterr().out)['map'] == str(tmp_path / 'my map.db')
+    config = NodeConfig(map_path='~/a.db', result_file=address)
+    assert config.map_path == f'{tmp_path}/a.db'
+    assert config.result_file == f'{tmp_path}/my map.db'
 
 
 def test_options_have_no_abbreviations():
@@ -135,10 +139,8 @@ def test_an_output_of_ascii_gets_bytes_in_hexadecimal(drive, tmp_path):
 
 @pytest.mark.parametrize('name', ['', 'part'])
 def test_a_full_disk_is_told_with_the_name_of_the_file(name, tmp_path):
-    with (
-        pytest.raises(OSError, match='No space') as caught,
-        complete_or_absent(tmp_path / 'a') as it,
-    ):
-        raise OSError(errno.ENOSPC, 'No space', *([str(it)] if name else []))
-    assert caught.value.filename == str(tmp_path / 'a')
+    path = tmp_path / 'a'
+    with pytest.raises(OSError, match='No space') as caught, complete_or_absent(path) as part:
+        raise OSError(errno.ENOSPC, 'No space', *([str(part)] if name else []))
+    assert caught.value.filename == str(path)
     assert not any(tmp_path.iterdir())
