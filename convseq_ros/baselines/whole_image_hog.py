@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Histograms of oriented gradients of the whole image as one descriptor (Dalal, Triggs 2005)."""
 
-from convseq_ros.errors import ConvseqError, pip_install
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -15,12 +14,8 @@ _BLOCK_CELLS = 2
 
 def whole_image_hog(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     """Return scikit-image's HOG (34596,) of a grey image resized to 512 x 512, as in VPR-Bench."""
-    try:
-        from skimage.feature import hog
-    except ImportError:
-        raise ConvseqError(
-            f'method hog needs scikit-image: {pip_install("scikit-image")}'
-        ) from None
+    from skimage.feature import hog
+
     resized = cv2.resize(gray, (_SIDE_PX, _SIDE_PX), interpolation=cv2.INTER_LINEAR)
     return hog(
         resized,

@@ -144,7 +144,12 @@ def opened(path: Path) -> Iterator[Listener]:
     with ResultWriter(path, COLUMNS) as table:
         if table.kept:
             warn(f'{table.kept}: rows of a run that did not end')
-        yield lambda _frame, match, _recognizer, duration_ms: table.write(row(match, duration_ms))
+
+        def write(frame: Frame, match: Match, _: PlaceRecognizer, duration_ms: float) -> None:
+            is_file = '/' not in frame.source  # else it is a topic
+            table.write(row(match, duration_ms, frame.source if is_file else ''))
+
+        yield write
 
 
 def _save(session: Pipeline) -> None:

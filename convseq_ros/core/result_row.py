@@ -5,8 +5,12 @@
 from convseq_ros.core.types import Match, Reason, RelativePose, Status
 
 
-def row(match: Match, duration_ms: float) -> dict[str, object]:
-    """Return the row of a match; None, an empty field, for a value that is missing."""
+def row(match: Match, duration_ms: float, image: str = '') -> dict[str, object]:
+    """
+    Return the row of a match; None, an empty field, for a value that is missing.
+
+    `image` is the name of the image's file, if it is of a folder.
+    """
     accepted, best, localization = match.accepted, match.best, match.localization
     shift = best.shift if best and best.shift else (None, None)
     rows_px, cols_px = match.shift_px or (None, None)
@@ -38,6 +42,7 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
         'camera': match.camera or None,
         'anchor_session': match.anchor.session_id if match.anchor else None,
         'anchor_stamp_ns': match.anchor.stamp_ns if match.anchor else None,
+        'image': image or None,
     }
 
 

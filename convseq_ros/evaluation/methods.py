@@ -5,6 +5,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path, PurePath
 import re
 import time
@@ -15,7 +16,7 @@ from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
 from convseq_ros.config.parameter import refuse_retired, Value
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.errors import ConfigError, SourceError
+from convseq_ros.errors import ConfigError, pip_install, SourceError
 from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.material import described, Images, Material
@@ -95,6 +96,7 @@ class Kind:
     options: tuple[str, ...] = ()  # options of the method
     argument: str = ''  # text after the colon; empty if there is none
     recognizer: bool = False  # whether the online recogniser decides
+    needs: tuple[str, str] = ('', '')  # a module, and the package that pip installs for it
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,10 +122,13 @@ class Method:
 
 
 def make_method(name: MethodName, config: Config) -> Method:
-    """Return the method of a name; ConfigError if the method or an option does not exist."""
+    """Return the method of a name; ConfigError if it, an option or its package is missing."""
     if name.kind not in KINDS:
         raise ConfigError(f'method {name.kind!r} is not one of {", ".join(KINDS)}')
     kind = KINDS[name.kind]
+    module, package = kind.needs
+    if module and find_spec(module) is None:
+        raise ConfigError(f'method {name.label}: needs {package}; {pip_install(package)}')
     if bool(kind.argument) != bool(name.argument):
         expected = f'{name.kind}:{kind.argument}' if kind.argument else name.kind
         raise ConfigError(f'method {name.label}: expected {expected}')
@@ -282,7 +287,7 @@ KINDS: Mapping[str, Kind] = {
     'convseq': Kind(_core, None, recognizer=True),
     'cohog': Kind(_core, 1, {**_PUBLISHED, **_ANSWERS_ALWAYS}, recognizer=True),
     'seqslam': _baseline(_seqslam, seqslam.LENGTH),
-    'hog': _baseline(_hog),
+    'hog': _baseline(_hog, needs=('skimage', 'scikit-image')),
     'orb-bow': _baseline(_peer, options=peers.OPTIONS),
     'sift-vlad': _baseline(_peer, options=peers.OPTIONS),
     'scores': _baseline(_given_scores, argument='FILE.npy', options=('lower_is_better',)),

@@ -55,6 +55,7 @@ def test_the_second_round_is_recognised_in_the_first(two_rounds, tmp_path, repla
     path = tmp_path / 'new.db'
     summary, rows = replay(two_rounds, path, *ONLINE)
     assert summary['added'] == 2 * ROUND
+    assert [row['image'] for row in rows] == [f'{at:03}.png' for at in range(2 * ROUND)]
     # The first five frames are younger than half a second, and a sequence has two.
     assert [row['reason'] for row in rows[:5]] == ['recent'] * 5
     accepted = [

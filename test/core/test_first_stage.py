@@ -192,6 +192,7 @@ def test_the_bytes_of_a_place(described, tmp_path):
     [
         (lambda _: [np.nan] * 4, 'holds NaN, or nothing'),
         (lambda _: [], 'holds NaN, or nothing'),
+        (lambda _: [0.0] * 4, 'its vector is all zeros; check its output'),
         (lambda image: np.ones(4 + int(image.mean()) % 2), 'numbers, expected'),
     ],
 )

@@ -8,6 +8,7 @@ import json
 from convseq_ros.config import Config
 from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.errors import ConfigError, ConvseqError
+from convseq_ros.evaluation import bench, methods
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.methods import KINDS, make_method, parse_method
@@ -36,9 +37,9 @@ def rows(path):
 
 
 def test_every_method_recognises_an_easy_street(street, quick, tmp_path):
-    methods = ('convseq', 'convseq-k3', 'cohog', 'seqslam', 'hog')
-    summaries = run(street, quick, tmp_path / 'out', *methods)
-    assert [one['method'] for one in summaries] == list(methods)
+    names = ('convseq', 'convseq-k3', 'cohog', 'seqslam', 'hog')
+    summaries = run(street, quick, tmp_path / 'out', *names)
+    assert [one['method'] for one in summaries] == list(names)
     for one in summaries:
         assert one['accuracy_matched'] >= 0.9, one['method']
         assert KEYS <= one.keys()
@@ -316,3 +317,10 @@ def test_so_many_frames_are_decided_by_their_margin(text):
 @pytest.mark.parametrize('text', ['convseq', 'convseq@dynamic', 'convseq+rival_distance=20'])
 def test_any_other_recogniser_decides_as_it_does_without_the_bench(text):
     assert make_method(parse_method(text), Config()).config.believes
+
+
+def test_a_missing_package_is_told_before_any_image_is_read(street, tmp_path, monkeypatch):
+    monkeypatch.setattr(methods, 'find_spec', lambda _: None)
+    monkeypatch.setattr(bench, 'open_material', lambda *_: pytest.fail('it reads images'))
+    with pytest.raises(ConfigError, match=r'method hog: needs scikit-image; pip install '):
+        run(street, Config(), tmp_path / 'out', 'convseq', 'hog')

@@ -128,7 +128,8 @@ class FirstStage:
         """
         Return a frame's descriptor with its vector.
 
-        ModelError if the vector is empty, not finite, or of a different length than before.
+        ModelError if the vector is empty, not finite, of a different length than before, or all
+        zeros although the image shows something.
         """
         if not self._encoding.descriptor_model or frame.gray is None:
             return descriptor
@@ -140,6 +141,8 @@ class FirstStage:
         answer = self._describe(image)
         self.duration_ms = (time.perf_counter() - started) * 1e3
         vector = checked_vector(answer, self._numbers, 'descriptor_model')
+        if not vector.any() and image.min() < image.max():
+            raise ModelError('descriptor_model: its vector is all zeros; check its output')
         self._numbers = len(vector)
         return replace(descriptor, vector=unit(vector).astype(np.float16))
 
