@@ -11,7 +11,7 @@ import shlex
 import sys
 from typing import Any, TypeVar
 
-from convseq_ros.config import Config, core_parameters, make_config, OnlineConfig
+from convseq_ros.config import Config, core_parameters, make_config, OnlineConfig, RobotConfig
 from convseq_ros.config.arguments import local
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import add_parameters, given, parameters, refuse_unknown, Value
@@ -20,6 +20,7 @@ from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.errors import ConfigError, MapError, printable
 from convseq_ros.io.files import read_yaml
+from convseq_ros.sources.mount import Tf
 
 Item = TypeVar('Item')
 _OF_ROS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
@@ -56,6 +57,9 @@ def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
         add('--poses', type=Path, metavar='FILE', help=help_)
     help_ = f'topic or file (YAML of ROS, calib.txt of KITTI) of the camera; {several}'
     add('--camera-info', type=local, default='', metavar='TOPIC|FILE', help=help_)
+    base = NodeConfig().base_frame
+    help_ = f'frame of the robot in /tf_static, which says where the camera is; default: {base}'
+    add('--base-frame', default=base, metavar='NAME', help=help_)
     help_ = 'depth images registered to the first camera: a topic, or a folder of 16-bit PNGs (mm)'
     add('--depth', type=local, default='', metavar='TOPIC|FOLDER', help=help_)
 
@@ -63,7 +67,18 @@ def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
 def chosen_images(chosen: argparse.Namespace) -> dict[str, Any]:
     """Return what `add_images` declares, as `open_each_camera` takes it."""
     names = 'odom', 'camera_info', 'poses', 'depth'
-    return {'topics': chosen.topic} | {name: getattr(chosen, name, None) or '' for name in names}
+    tf = Tf(chosen.base_frame, _given_mount(chosen), note)
+    texts = {name: getattr(chosen, name, None) or '' for name in names}
+    return {'topics': chosen.topic, 'tf': tf, **texts}
+
+
+def _given_mount(chosen: argparse.Namespace) -> str:
+    """Return the value of camera_to_base that was given, on the command line or in a file."""
+    text: str | None = getattr(chosen, 'camera_to_base', None)
+    if text is None and (path := getattr(chosen, 'config', None)):
+        text = read_parameter_file(path, chosen_reading(chosen)).get('camera_to_base')
+        return '' if text == RobotConfig().camera_to_base else text or ''
+    return text or ''
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
@@ -115,6 +130,11 @@ def progress(items: Iterable[Item], total: int, name: str, unit: str = 'frames')
 def say(line: str) -> None:
     """Print a line, one also if it holds a file's name of two lines."""
     print(printable(line))
+
+
+def note(line: str) -> None:
+    """Print what the program found out by itself on standard error."""
+    print(printable(line), file=sys.stderr)
 
 
 def warn(line: str) -> None:

@@ -164,7 +164,8 @@ class RobotConfig(Checked):
     camera_to_base: str = parameter(
         _UNKNOWN_MOUNT, 'Pose of the upright camera in base_frame (x y z in metres, then roll '
         'pitch yaw in radians; x along the lens, y left, z up), with a semicolon between several '
-        'cameras; the node prefers TF.', dynamic=True,
+        'cameras; the node prefers TF, commands prefer this to /tf_static of a recording.',
+        dynamic=True,
     )
     odometry_way_error: float = parameter(
         0.1, 'Largest error of odometry as a fraction of the distance travelled; a match that '

@@ -6,12 +6,10 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 import threading
-from types import SimpleNamespace
 from typing import Any
 
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.core.rigid import inverse, matrix, pose_of, ROBOT_LENS
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import ImageError, one_line, SourceError
 from convseq_ros.node.cameras import camera_info_beside
@@ -21,6 +19,7 @@ from convseq_ros.node.once import Once
 from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.sources.camera_info import camera_from_info, fitted
 from convseq_ros.sources.depth import decode_depth, Depth, KEPT, nearest
+from convseq_ros.sources.mount import as_parameter, mount_of, pose_of_transform
 from convseq_ros.sources.pose_track import LONGEST_GAP_NS, pose_from_message, PoseTrack
 from convseq_ros.sources.raw_message import IMAGE, RawMessage
 from nav_msgs.msg import Odometry as OdometryMessage
@@ -254,12 +253,11 @@ class Mount:
             frames = self._base_frame, optical_frame, Time()
             if self._buffer.can_transform(*frames):
                 transform = self._buffer.lookup_transform(*frames).transform
-                parts = {'position': transform.translation, 'orientation': transform.rotation}
-                lens = pose_from_message(SimpleNamespace(**parts))
+                lens = pose_of_transform(transform)
                 if lens is not None:
-                    self._poses[optical_frame] = pose_of(matrix(lens) @ inverse(ROBOT_LENS))
-                    position = self._poses[optical_frame].position
+                    self._poses[optical_frame] = mount_of(lens)
                     self._logger.info(
-                        f'{optical_frame} is at {position} m in {self._base_frame}, by TF'
+                        f'camera_to_base is "{as_parameter(self._poses[optical_frame])}", as TF '
+                        f'places {optical_frame} in {self._base_frame}'
                     )
         return self._poses.get(optical_frame)

@@ -11,15 +11,22 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.core.types import Camera, Frame
+from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources.camera_info import fitted, read_camera_file
 from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
 from convseq_ros.sources.folder import ImageFolder, natural_key, pictures_in
+from convseq_ros.sources.mount import as_parameter, mount_of, Tf
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
 from convseq_ros.sources.pose_track import PoseTrack
-from convseq_ros.sources.recording import read_camera, read_poses, Recording, TopicMessages
+from convseq_ros.sources.recording import (
+    read_camera_in,
+    read_poses,
+    read_static_transforms,
+    Recording,
+    TopicMessages,
+)
 from convseq_ros.sources.storage import is_storage_file
 from convseq_ros.sources.video import Video, VIDEO_SUFFIXES
 
@@ -119,13 +126,15 @@ def open_annotated(
     poses: Path | str | None = None,
     reading: ReadingConfig = ReadingConfig(),
     depth: str = '',
+    tf: Tf = Tf(),
 ) -> Source:
     """
     Open a source as `open_source`, with poses, camera and depth from topics or files.
 
     `odom` is a topic of poses, `poses` a file as for `read_pose_file`;
     `camera_info` a topic, or a file as for `read_camera_file`; `depth` a topic, or a folder, of
-    images registered to the camera. SourceError if any of them cannot be read.
+    images registered to the camera. Where the camera is on the robot is read from /tf_static of a
+    recording, as `tf` says. SourceError if any of them cannot be read.
     """
     source = open_source(path, topic, reading)
     if odom and poses:
@@ -141,13 +150,17 @@ def open_annotated(
         pose_at = lambda _index, stamp_ns: track.at(stamp_ns)  # noqa: E731
     is_folder = path.is_dir() and not holds_recording(path)
     camera_of: CameraOf | None = None
+    optical_frame = ''
     if (file := Path(camera_info)).is_file():
         camera_of = partial(read_camera_file, file, reading=reading)
     elif camera_info and is_folder:
         raise SourceError(f'{file}: no such file; a folder of pictures has no topics')
     elif camera_info:
-        camera = read_camera(path, camera_info, reading)
+        camera, optical_frame = read_camera_in(path, camera_info, reading)
         camera_of = lambda _height, _width: camera  # noqa: E731
+    if camera_of and isinstance(source, Recording):
+        mount = _mount(source, path, optical_frame, tf, reading)
+        camera_of = _mounted(camera_of, mount)
     depth_at: DepthAt | None = None
     if depth and (Path(depth).is_dir() or is_folder):
         depth_at = DepthFolder(Path(depth), reading, source.warnings)
@@ -155,6 +168,35 @@ def open_annotated(
         messages = TopicMessages(path, depth, DEPTH_TYPES, '--depth', reading)
         depth_at = DepthTopic(messages, reading, source.warnings)
     return AnnotatedFrames(source, pose_at, camera_of, depth_at, str(odom or poses))
+
+
+def _mounted(camera_of: CameraOf, mount: Pose | None) -> CameraOf:
+    return lambda height, width: replace(camera_of(height, width), mount=mount)
+
+
+def _mount(
+    source: Recording, path: Path, optical_frame: str, tf: Tf, reading: ReadingConfig
+) -> Pose | None:
+    """Return the mount of a camera by /tf_static, and tell it; None if it is unknown or given."""
+    transforms = read_static_transforms(path, reading)
+    if transforms is None:
+        return None
+    if not optical_frame and (first := next(source.messages(), None)):
+        optical_frame = first.frame_id
+    if not optical_frame:
+        return None
+    lens = transforms.pose_in(tf.base_frame, optical_frame)
+    if lens is None:
+        said = '' if tf.camera_to_base else '; name another --base-frame, or give --camera-to-base'
+        tf.tell(f'{path}: /tf_static has no way from {tf.base_frame} to {optical_frame}{said}')
+        return None
+    mount = mount_of(lens)
+    by_tf = f'"{as_parameter(mount)}", as /tf_static places {optical_frame} in {tf.base_frame}'
+    if tf.camera_to_base:
+        tf.tell(f'{path}: camera_to_base is "{tf.camera_to_base}" as given, and not {by_tf}')
+        return None
+    tf.tell(f'{path}: camera_to_base is {by_tf}')
+    return mount
 
 
 def _refuse_other_times(source: Source, pose_at: PoseAt, poses: Path) -> None:

@@ -14,11 +14,21 @@ from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ImageError, printable, SourceError
 from convseq_ros.sources.camera_info import camera_from_info
 from convseq_ros.sources.images import gray_and_color, message_pixels
+from convseq_ros.sources.mount import StaticTransforms
 from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.raw_message import IMAGE_TYPES, RawMessage, STAMP_END
 from convseq_ros.sources.stamps import FIRST, useless
 from convseq_ros.sources.storage import open_storage
-from convseq_ros.sources.topics import CAMERA_TYPES, choose_topic, decode, merge_topics, POSE_TYPES
+from convseq_ros.sources.topics import (
+    CAMERA_TYPES,
+    choose_topic,
+    decode,
+    merge_topics,
+    POSE_TYPES,
+    TF_TYPES,
+)
+
+_TF_STATIC = '/tf_static'
 
 
 class TopicMessages:
@@ -164,18 +174,49 @@ def read_poses(
 
 
 def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Camera:
-    """Return the first calibrated camera of a topic, by default the only one; or SourceError."""
+    """Return the camera of `read_camera_in` without its frame."""
+    return read_camera_in(path, topic, reading)[0]
+
+
+def read_camera_in(
+    path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
+) -> tuple[Camera, str]:
+    """
+    Return the first calibrated camera of a topic, and its optical frame; or SourceError.
+
+    The topic may be left out if there is only one.
+    """
     messages = TopicMessages(path, topic, CAMERA_TYPES, '--camera-info', reading)
     problem = 'K and P are zero, so it is not calibrated'
     for message in messages:
         try:
-            camera = camera_from_info(decode(message))
+            info = decode(message)
+            camera = camera_from_info(info)
         except (ImageError, SourceError) as error:
             problem = str(error)
             continue
         if camera:
-            return camera
+            return camera, info.header.frame_id
     raise SourceError(f'{path}: no camera of {messages.chosen.name} can be used: {problem}')
+
+
+def read_static_transforms(
+    path: Path, reading: ReadingConfig = ReadingConfig()
+) -> StaticTransforms | None:
+    """Return the static transforms of a recording; None if it has none."""
+    storages, _ = open_storage(path, reading)
+    recorded = [
+        message
+        for storage in storages
+        for topic in storage.topics.values()
+        if topic.count and topic.type_name in TF_TYPES and topic.name.endswith(_TF_STATIC)
+        for message in storage.messages(topic.name)
+    ]
+    transforms = []
+    for message in recorded:
+        with suppress(ImageError):
+            transforms.append(decode(message))
+    return StaticTransforms(transforms) if transforms else None
 
 
 def _pose(message: RawMessage) -> tuple[int, Pose] | None:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from convseq_ros.errors import ConvseqError, pip_install, SourceError
 from convseq_ros.sources.raw_message import damaged, RawMessage
 
+TF_TYPES = ('tf2_msgs/msg/TFMessage',)
 CAMERA_TYPES = ('sensor_msgs/msg/CameraInfo',)
 ODOMETRY_TYPES = ('nav_msgs/msg/Odometry',)
 POSE_TYPES = (

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands: what they do, and the one line that they say when they cannot."""
 
+import argparse
 import json
 import os
 from pathlib import Path
@@ -11,7 +12,8 @@ import subprocess
 import sys
 import time
 
-from convseq_ros.cli import COMMANDS, main, MOVED
+from convseq_ros.cli import COMMANDS, main, MOVED, replay
+from convseq_ros.cli.options import chosen_images
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.io.results import read_results
 from pictures import scene, written
@@ -66,6 +68,20 @@ def test_each_recording_of_a_folder_is_a_session_if_asked(tmp_path, capsys):
     opened = open_map(tmp_path / 'map.db')
     assert [session.name for session in opened.sessions] == ['day 2', 'day 10']
     assert len(opened) == 6
+
+
+@pytest.mark.parametrize('said', ['0 0 0 0 0 0', '0.5 0 0 0 0 0'])
+def test_where_the_camera_is_said_to_be_wins_over_tf(tmp_path, said):
+    replay.describe(parser := argparse.ArgumentParser())
+    words = ['drive', '--map', 'map.db', '--base-frame', 'base']
+    tf = chosen_images(parser.parse_args(words))['tf']
+    assert (tf.base_frame, tf.camera_to_base) == ('base', '')
+    tf = chosen_images(parser.parse_args([*words, '--camera-to-base', said]))['tf']
+    assert tf.camera_to_base == said
+    file = tmp_path / 'vpr_node.yaml'
+    file.write_text(f'vpr_node: {{ros__parameters: {{camera_to_base: "{said}"}}}}')
+    tf = chosen_images(parser.parse_args([*words, '--config', str(file)]))['tf']
+    assert tf.camera_to_base == ('' if said == '0 0 0 0 0 0' else said)
 
 
 def test_a_map_of_keyframes_is_replayed_at_keyframes_and_appended_to_alike(

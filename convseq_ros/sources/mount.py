@@ -1,0 +1,86 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where a camera is on a robot, by TF: the same for the node and for recordings."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+import math
+from types import SimpleNamespace
+from typing import Any
+
+from convseq_ros.core.rigid import inverse, Matrix, matrix, pose_of, ROBOT_LENS
+from convseq_ros.core.types import Pose
+from convseq_ros.sources.pose_track import pose_from_message
+import numpy as np
+
+
+def _say_nothing(_line: str) -> None:
+    """Do nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tf:
+    """How TF of a recording is used."""
+
+    base_frame: str = 'base_link'
+    camera_to_base: str = ''  # what was given instead, which wins; else empty
+    tell: Callable[[str], None] = _say_nothing  # gets a line that says which was used
+
+
+def pose_of_transform(transform: Any) -> Pose | None:
+    """Return a geometry_msgs/Transform as a pose; None if it is not finite."""
+    parts = {'position': transform.translation, 'orientation': transform.rotation}
+    return pose_from_message(SimpleNamespace(**parts))
+
+
+def mount_of(lens: Pose) -> Pose:
+    """Return the mount of a camera, x along its lens, from the pose of its optical frame."""
+    return pose_of(matrix(lens) @ inverse(ROBOT_LENS))
+
+
+def as_parameter(mount: Pose) -> str:
+    """Return a mount as `camera_to_base` takes it: x y z in metres, roll pitch yaw in radians."""
+    turn = matrix(mount)[:3, :3]
+    pitch = math.atan2(-turn[2, 0], math.hypot(turn[0, 0], turn[1, 0]))
+    roll, yaw = math.atan2(turn[2, 1], turn[2, 2]), math.atan2(turn[1, 0], turn[0, 0])
+    return ' '.join(
+        f'{round(number, 4) + 0.0:g}' for number in (*mount.position, roll, pitch, yaw)
+    )
+
+
+class StaticTransforms:
+    """The frames of /tf_static; where several messages place a frame, the last one counts."""
+
+    def __init__(self, messages: Iterable[Any]) -> None:
+        self._above: dict[str, tuple[str, Matrix]] = {}
+        for message in messages:
+            for stamped in message.transforms:
+                pose = pose_of_transform(stamped.transform)
+                if pose is not None:
+                    frames = _plain(stamped.child_frame_id), _plain(stamped.header.frame_id)
+                    self._above[frames[0]] = frames[1], matrix(pose)
+
+    def pose_in(self, base: str, frame: str) -> Pose | None:
+        """Return the pose of a frame in another; None if no transforms lead there."""
+        above, found = self._to_root(_plain(base)), self._to_root(_plain(frame))
+        common = next((name for name in found if name in above), None)
+        if common is None:
+            return None
+        return pose_of(inverse(above[common]) @ found[common])
+
+    def _to_root(self, frame: str) -> dict[str, Matrix]:
+        """Return the pose of a frame in itself and in each frame above it."""
+        poses = {frame: np.eye(4)}
+        moved = poses[frame]
+        while frame in self._above:
+            frame, step = self._above[frame]
+            if frame in poses:  # a circle
+                break
+            moved = step @ moved
+            poses[frame] = moved
+        return poses
+
+
+def _plain(frame: str) -> str:
+    """Return the name of a frame without the slash of ROS 1."""
+    return frame.removeprefix('/')

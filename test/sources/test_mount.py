@@ -1,0 +1,131 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the camera of a recording is on the robot, by its /tf_static."""
+
+import math
+
+from convseq_ros.core.rigid import of_roll_pitch_yaw
+from convseq_ros.sources import open_annotated
+from convseq_ros.sources.mount import as_parameter, mount_of, StaticTransforms, Tf
+import numpy as np
+import pytest
+import recordings
+
+KINDS = recordings.ROS2.types
+STILL = (0.0, 0.0, 0.0, 1.0)
+AS_A_LENS = (-0.5, 0.5, -0.5, 0.5)  # x right, y down, z ahead, in a frame with x ahead and z up
+TO_THE_LEFT = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))
+
+
+def transform(parent, child, position=(0.0, 0.0, 0.0), turn=STILL):
+    point = KINDS['geometry_msgs/msg/Vector3'](*position)
+    rotation = KINDS['geometry_msgs/msg/Quaternion'](*turn)
+    moved = KINDS['geometry_msgs/msg/Transform'](point, rotation)
+    header = recordings.header(0, parent)
+    return KINDS['geometry_msgs/msg/TransformStamped'](header, child, moved)
+
+
+def tf(*transforms):
+    return KINDS['tf2_msgs/msg/TFMessage'](list(transforms))
+
+
+SIDEWAYS = tf(
+    transform('base_link', 'mast', (0.2, 0.0, 0.9)),
+    transform('mast', 'camera_link', (0.1, 0.5, 0.0), TO_THE_LEFT),
+    transform('camera_link', 'camera_optical', turn=AS_A_LENS),
+)
+MOUNT = '0.3 0.5 0.9 0 0 1.5708'  # metres and radians
+
+
+def info(frame='camera_optical'):
+    k, p = np.array([50.0, 0, 16, 0, 50, 12, 0, 0, 1]), np.zeros(12)
+    part = KINDS['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False)
+    return KINDS['sensor_msgs/msg/CameraInfo'](
+        recordings.header(1, frame), 24, 32, '', np.zeros(0), k, np.eye(3).ravel(), p, 0, 0, part
+    )
+
+
+@pytest.fixture
+def opened(write, pictures):
+    """Return what opens a recording with transforms; it returns the mount, and what was told."""
+
+    def open_with(*messages, topic='/tf_static', layout='mcap file', camera='/info', **how):
+        rows = recordings.drive(pictures[:2])
+        rows += [('/info', 1, info()), *((topic, 1, message) for message in messages)]
+        path, told = write(layout, rows), []
+        source = open_annotated(path, camera_info=camera, tf=Tf(tell=told.append, **how))
+        (mount,) = {frame.camera.mount for frame in source}
+        return mount, [line.removeprefix(f'{path}: ') for line in told]
+
+    return open_with
+
+
+@pytest.mark.parametrize('layout', ['mcap folder', 'db3 file'])
+@pytest.mark.parametrize('topic', ['/tf_static', '/robot1/tf_static'])
+def test_a_camera_that_looks_sideways_has_the_mount_of_tf_static(opened, layout, topic):
+    mount, told = opened(SIDEWAYS, topic=topic, layout=layout)
+    assert as_parameter(mount) == MOUNT
+    expected = of_roll_pitch_yaw((0.3, 0.5, 0.9), 0.0, 0.0, math.pi / 2)
+    assert mount.position == pytest.approx(expected.position)
+    assert mount.orientation == pytest.approx(expected.orientation)
+    assert told == [
+        f'camera_to_base is "{MOUNT}", as /tf_static places camera_optical in base_link'
+    ]
+
+
+def test_what_was_given_wins_and_both_are_told(opened):
+    mount, told = opened(SIDEWAYS, camera_to_base='0 0 0 0 0 0')
+    assert mount is None
+    assert told == [
+        f'camera_to_base is "0 0 0 0 0 0" as given, and not "{MOUNT}", as /tf_static places '
+        'camera_optical in base_link'
+    ]
+
+
+def test_a_frame_that_nothing_leads_to_is_told(opened):
+    mount, told = opened(SIDEWAYS, base_frame='base_footprint')
+    assert mount is None
+    assert told == [
+        '/tf_static has no way from base_footprint to camera_optical; name another --base-frame, '
+        'or give --camera-to-base'
+    ]
+
+
+def test_without_tf_static_nothing_is_told(opened):
+    assert opened() == (None, [])
+    assert opened(SIDEWAYS, topic='/tf', layout='mcap plain') == (None, [])
+
+
+def test_a_camera_of_a_file_is_in_the_frame_of_the_images(opened, tmp_path):
+    calibration = tmp_path / 'calib.txt'
+    calibration.write_text('P0: 50 0 16 0 0 50 12 0 0 0 1 0\n')
+    of_images = tf(transform('base_link', 'camera', (1.0, 0.0, 0.0), AS_A_LENS))
+    mount, _ = opened(of_images, camera=str(calibration))
+    assert as_parameter(mount) == '1 0 0 0 0 0'
+
+
+def test_the_last_of_several_messages_counts_and_messages_add_up():
+    first = tf(transform('/base_link', 'camera', (1.0, 0.0, 0.0), AS_A_LENS))
+    last = tf(transform('mast', 'camera', (0.0, 0.0, 2.0), AS_A_LENS))
+    mast = tf(transform('base_link', 'mast', (3.0, 0.0, 0.0)))
+    lens = StaticTransforms([first, last, mast]).pose_in('base_link', '/camera')
+    assert as_parameter(mount_of(lens)) == '3 0 2 0 0 0'
+
+
+def test_the_way_may_lead_up_and_down_again_and_circles_end():
+    branches = tf(
+        transform('body', 'base', (1.0, 0.0, 0.0)), transform('body', 'lens', (3.0, 0.0, 0.0))
+    )
+    assert StaticTransforms([branches]).pose_in('base', 'lens').position == (2.0, 0.0, 0.0)
+    circle = tf(transform('a', 'b'), transform('b', 'a'))
+    assert StaticTransforms([circle]).pose_in('base', 'a') is None
+
+
+def test_a_transform_that_is_not_finite_is_left_out():
+    broken = tf(transform('base', 'lens', (math.nan, 0.0, 0.0)))
+    assert StaticTransforms([broken]).pose_in('base', 'lens') is None
+
+
+def test_numbers_of_a_mount_are_those_of_the_parameter():
+    mount = of_roll_pitch_yaw((1.0, -2.0, 3.0), 0.1, -0.2, 3.0)
+    assert as_parameter(mount) == '1 -2 3 0.1 -0.2 3'
