@@ -59,6 +59,7 @@ class Pipeline:
             self.autosave = NoAutosave(ReferenceMap(encoding, keyframes=config.keyframes))
         reference_map = self.autosave.reference_map
         self.flush, self.close = self.autosave.flush, self.autosave.close
+        self.take_back = self.autosave.take_back
         try:
             self.cameras = Cameras(reference_map, config, sources, describe=describe)
         except BaseException:
@@ -86,8 +87,8 @@ class Pipeline:
 
     @property
     def added(self) -> int:
-        """Number of places that were added in this session."""
-        return len(self.recognizer.reference_map) - self.recognizer.mapping.session_start
+        """Number of places that were added since the map was opened."""
+        return len(self.autosave.reference_map) - self.autosave.found
 
     def save(self) -> None:
         """Call this after every frame, as `Autosave.save`; a lost file ends the growth."""

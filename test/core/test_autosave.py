@@ -249,3 +249,28 @@ def test_a_pipe_with_the_name_of_a_journal_is_refused_at_once(path, end):
     for use in (open_map, grown):
         with pytest.raises(MapError, match=f'{end}: is not a file'):
             use(path)
+
+
+@pytest.mark.parametrize('count', [0, 3])
+def test_places_that_were_added_are_taken_back(path, count):
+    autosave = grown(path, count)
+    autosave.close()
+    before = autosave.reference_map.sessions
+    autosave = own(path)
+    autosave.reference_map.begin_session(10**12)
+    grow(autosave.reference_map, 4)
+    autosave.flush()
+    autosave.take_back()
+    left = open_map(path)
+    assert is_right(left, count) and left.sessions == before
+    own(path).close()
+
+
+def test_a_map_that_was_moved_is_not_taken_back(path):
+    autosave = grown(path, 2)
+    another = path.with_name('another.db')
+    save_map(drawn(5), another)
+    another.replace(path)
+    with pytest.raises(MapError, match='was moved or replaced'):
+        autosave.take_back()
+    assert holds(path) == 5

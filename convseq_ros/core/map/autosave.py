@@ -9,7 +9,7 @@ import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.database import is_damage, MapLock
-from convseq_ros.core.map.edit import prune_looks
+from convseq_ros.core.map.edit import keep_first, prune_looks
 from convseq_ros.core.map.online import Looks
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -31,7 +31,7 @@ class NoAutosave:
     _error: MapError | None = None  # raised by the next `save`
 
     def __init__(self, reference_map: ReferenceMap) -> None:
-        self.reference_map = reference_map
+        self.reference_map, self.found = reference_map, len(reference_map)
 
     def save(self) -> None:
         """Raise a MapError, once, if the file was given up."""
@@ -42,6 +42,9 @@ class NoAutosave:
     def flush(self) -> None: ...
 
     def close(self) -> None: ...
+
+    def take_back(self) -> None:
+        """Close the file, and remove all places from it that were added; MapError if it fails."""
 
     def give_up(self, path: Path | None, why: str) -> None:
         """Leave a file alone that was cut short or overwritten; `save` raises a MapError then."""
@@ -117,9 +120,7 @@ class Autosave(NoAutosave):
 
     def close(self) -> None:
         """Write all added places, and close the file; MapError if it fails."""
-        self._end.set()
-        self._news.set()
-        self._thread.join()
+        self._end_thread()
         with self._opened:
             self.flush()
             if self._is_in_place():
@@ -130,6 +131,19 @@ class Autosave(NoAutosave):
         if self.has_surplus:
             self.removed = prune_looks(self._path, self._max_looks)
             self.committed -= self.removed
+
+    def take_back(self) -> None:
+        self._end_thread()
+        with self._opened:
+            self._refuse_replaced()
+            self._refuse_overwritten()
+            self._writer.journal()
+        keep_first(self._path, self.found)
+
+    def _end_thread(self) -> None:
+        self._end.set()
+        self._news.set()
+        self._thread.join()
 
     @property
     def has_surplus(self) -> bool:

@@ -13,7 +13,7 @@ from convseq_ros.core.graph.links import chained, Links
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.crash_recovery import open_to_write
 from convseq_ros.core.map.database import as_map_error, Database, MapLock
-from convseq_ros.core.map.format import MapSession, row_crc, stored_settings
+from convseq_ros.core.map.format import MapSession, row_crc, stored_settings, TABLES
 from convseq_ros.core.map.online import Looks
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
@@ -196,6 +196,17 @@ def prune_looks(path: Path, max_looks: int, progress: Progress = iter) -> int:
     if after is not before:
         write_new(after, path, progress, before)
     return len(before) - len(after)
+
+
+def keep_first(path: Path, count: int) -> None:
+    """Remove all but the first places of a map file; MapError if another program adds to it."""
+    with _changed(path) as database:
+        for table, columns in TABLES.items():
+            if 'reference_index' in columns:
+                database.rows(f'DELETE FROM {table} WHERE reference_index >= ?', (count,))
+        database.rows('DELETE FROM links WHERE place >= ?', (count,))
+        last = 'SELECT coalesce(max(session), -1) FROM places'
+        database.rows(f'DELETE FROM sessions WHERE session > ({last})')
 
 
 def rename_session(named: SessionSlice) -> None:
