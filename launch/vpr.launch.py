@@ -15,9 +15,9 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 TOPICS = {
-    'image': 'camera topic, which may end in /compressed; empty: the only one that there is',
+    'image': 'camera topic, raw or compressed; empty: the best one in the namespace',
     'camera_info': 'its calibration; empty: beside the camera topic',
-    'odom': 'odometry topic; empty: the only one that there is',
+    'odom': 'odometry topic; empty: the only one in the namespace',
 }
 # Empty ones leave what the file of parameters says.
 PARAMETERS = {

@@ -12,7 +12,6 @@ from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import ImageError, one_line, SourceError
-from convseq_ros.node.cameras import camera_info_beside
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.once import Once
@@ -22,6 +21,7 @@ from convseq_ros.sources.depth import decode_depth, Depth, KEPT, nearest
 from convseq_ros.sources.mount import as_parameter, mount_of, pose_of_transform
 from convseq_ros.sources.pose_track import LONGEST_GAP_NS, pose_from_message, PoseTrack
 from convseq_ros.sources.raw_message import IMAGE, RawMessage
+from convseq_ros.sources.topic_rank import camera_info_beside
 from nav_msgs.msg import Odometry as OdometryMessage
 from rclpy.node import Node
 from rclpy.time import Time
@@ -70,7 +70,12 @@ class Odometry:
         self._subscription = FollowingSubscription(
             node, OdometryMessage, 'odom', self._on_odometry, _DEPTH
         )
-        self.follow = self._subscription.move
+
+    def follow(self, topic: str) -> None:
+        """Listen to another topic, and forget the poses so far."""
+        self._subscription.move(topic)
+        with self.waiting.changed:
+            self._track, self.frame_id = PoseTrack(kept=_KEPT), ''
 
     def pose_at(self, stamp_ns: int) -> Pose | None:
         """Return the pose at a time; None if there is none."""
@@ -210,9 +215,13 @@ class CameraDescription:
         self._mount, self._frame_id = mount, ''
         self._once = Once(node.get_logger())
         self._subscription = FollowingSubscription(
-            node, CameraInfo, topic, self._on_camera_info, _INFO_DEPTH
+            node, CameraInfo, topic, self._on_camera_info, _INFO_DEPTH, latched=True
         )
-        self.follow = self._subscription.move
+
+    def follow(self, topic: str) -> None:
+        """Listen to another topic, and forget the camera so far."""
+        self._camera = None
+        self._subscription.move(topic)
 
     @property
     def is_calibrated(self) -> bool:

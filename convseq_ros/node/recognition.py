@@ -180,6 +180,29 @@ class Recognition:
         session.outlive_file()
         self.link()
 
+    def take_back(self, open_session: Callable[[Path | None], Pipeline]) -> int:
+        """Start anew without the places added to the map since it was opened; return how many."""
+        session = self.session
+        if not (added := session.added):
+            session.cameras.reset()
+            return 0
+        if self._linking:
+            self._linking.stop()
+        try:
+            session.take_back()
+        except (ConvseqError, OSError) as error:
+            self._failed_to_write(f'{error}; the map keeps {added} places of other topics')
+            added = 0
+        try:
+            self.session = open_session(session.path)
+            self.session.outlive_file()
+            self.session.warm_up()
+        except (ConvseqError, OSError) as error:
+            session.autosave.is_failing = True
+            self._failed_to_write(f'{error}; no new places are kept')
+        self.link()
+        return added
+
     def link(self) -> None:
         """Link the map, if links are missing, while frames are answered."""
         self._linking = MapLinking(self.session, self.logger)
@@ -190,8 +213,11 @@ class Recognition:
         try:
             self.session.close()
         except (ConvseqError, OSError) as error:
-            self.statistics.write_failures += 1
-            self.logger.error(one_line(error))
+            self._failed_to_write(error)
+
+    def _failed_to_write(self, error: object) -> None:
+        self.statistics.write_failures += 1
+        self.logger.error(one_line(error))
 
     def _read(self, arrival: Arrival) -> tuple[Frame, float]:
         """Return a frame with its pose and depth, and the milliseconds that decoding took."""

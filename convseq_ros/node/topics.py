@@ -3,6 +3,7 @@
 """Publishers, and subscriptions that are reliable if the publisher is."""
 
 from collections.abc import Callable
+from functools import partial
 from threading import RLock
 from typing import Any
 
@@ -48,8 +49,9 @@ class FollowingSubscription:
     Requests reliable delivery, or best effort while a publisher offers only that.
 
     `on_message` receives each message, or its bytes if `raw`, in the listener's thread; `depth`
-    messages may wait. `lost` counts lost messages since the first one: as the middleware reports
-    them or, with a single publisher, by gaps in the sequence numbers.
+    messages may wait. If `latched`, it also receives what publishers that keep their last messages
+    sent before. `lost` counts lost messages since the first one: as the middleware reports them
+    or, with a single publisher, by gaps in the sequence numbers.
     """
 
     def __init__(
@@ -61,18 +63,19 @@ class FollowingSubscription:
         depth: int,
         starts: bool = True,
         raw: bool = False,
+        latched: bool = False,
     ) -> None:
         self._reported = self._missing = self._last = 0
-        self._node, self._message_kind, self.topic = node, kind, node.resolve_topic_name(topic)
-        self._on_message, self._depth, self._raw = on_message, depth, raw
+        self._node, self.kind, self.topic = node, kind, node.resolve_topic_name(topic)
+        self._on_message, self._depth, self._raw, self._latched = on_message, depth, raw, latched
         self._subscription: Any = None
-        self._changing = RLock()  # the executor calls `move` while the listener handles events
+        self._changing = RLock()  # other threads call `move` while the listener handles events
         if starts:
             self.start()
 
     def start(self) -> None:
         self._last = 0
-        self._subscribe(ReliabilityPolicy.RELIABLE)
+        self._subscribe()
 
     def stop(self) -> None:
         with self._changing:
@@ -81,36 +84,37 @@ class FollowingSubscription:
             self._subscription = None
 
     @property
-    def kind(self) -> type:
-        """The type of the messages."""
-        return self._message_kind
-
-    @property
     def lost(self) -> int:
         return max(self._reported, self._missing)
 
     def move(self, topic: str) -> None:
-        """Subscribe to another topic instead."""
-        self.topic, self._last = self._node.resolve_topic_name(topic), 0
-        if self._subscription:
-            self._subscribe(self._reliability)
+        """Subscribe to another topic instead; no message of the old one comes afterwards."""
+        with self._changing:
+            self.topic = self._node.resolve_topic_name(topic)
+            if self._subscription:
+                self.start()
 
     def hold_at_most(self, depth: int) -> None:
         """Let fewer messages wait for the listener from now on."""
         if depth < self._depth and self._subscription:
             self._depth = depth
-            self._subscribe(self._reliability)
+            self._subscribe(self._reliability, self._durability)
 
-    def _subscribe(self, reliability: ReliabilityPolicy) -> None:
-        on_message: Any = self._on_numbered  # rclpy's types have no second argument
+    def _subscribe(
+        self,
+        reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
+        durability: DurabilityPolicy = DurabilityPolicy.VOLATILE,
+    ) -> None:
         with self._changing:
             self.stop()
-            self._reliability = reliability
+            self._reliability, self._durability = reliability, durability
+            # rclpy's types have no second argument.
+            on_message: Any = partial(self._on_numbered, (self.topic, self.kind))
             self._subscription = self._node.create_subscription(
                 self.kind,
                 self.topic,
                 on_message,
-                QoSProfile(depth=self._depth, reliability=reliability),
+                QoSProfile(depth=self._depth, reliability=reliability, durability=durability),
                 raw=self._raw,
                 callback_group=self._node.listener.group,
                 event_callbacks=SubscriptionEventCallbacks(
@@ -124,24 +128,39 @@ class FollowingSubscription:
 
     def _on_incompatible_qos(self, info: QoSRequestedIncompatibleQoSInfo) -> None:
         logger = self._node.get_logger()
-        if info.last_policy_kind != QoSPolicyKind.RELIABILITY:
-            logger.warning(f'{self.topic}: a publisher offers incompatible QoS; it is not heard')
-        else:
+        if info.last_policy_kind == QoSPolicyKind.RELIABILITY:
             logger.info(f'{self.topic}: its publisher sends best effort; following it')
-            self._subscribe(ReliabilityPolicy.BEST_EFFORT)
+            self._subscribe(ReliabilityPolicy.BEST_EFFORT, self._durability)
+        elif self._durability is DurabilityPolicy.TRANSIENT_LOCAL:  # of one publisher of several
+            self._latched = False
+            self._subscribe(self._reliability)
+        else:
+            logger.warning(f'{self.topic}: a publisher offers incompatible QoS; it is not heard')
 
     def _on_matched(self, info: QoSSubscriptionMatchedInfo) -> None:
+        is_strict = self._reliability is ReliabilityPolicy.RELIABLE
+        is_volatile = self._durability is DurabilityPolicy.VOLATILE
         # A publisher that came and went between two events is only in the total count.
-        is_alone = info.total_count and not info.current_count
-        if is_alone and self._reliability is ReliabilityPolicy.BEST_EFFORT:
-            self._subscribe(ReliabilityPolicy.RELIABLE)
+        if info.total_count and not info.current_count:
+            if not (is_strict and is_volatile):
+                self._subscribe()
+        elif self._latched and is_volatile and self._is_kept():
+            self._subscribe(self._reliability, DurabilityPolicy.TRANSIENT_LOCAL)
+
+    def _is_kept(self) -> bool:
+        """Return whether a publisher keeps its last messages for those who come later."""
+        ends = self._node.get_publishers_info_by_topic(self.topic)
+        return any(end.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL for end in ends)
 
     def _on_lost(self, info: QoSMessageLostInfo) -> None:
         self._reported += info.total_count_change
 
-    def _on_numbered(self, message: Any, info: dict[str, Any]) -> None:
-        number, before = info.get('publication_sequence_number') or 0, self._last
-        self._last = number
-        if 0 < before < number - 1 and self._node.count_publishers(self.topic) == 1:
-            self._missing += number - 1 - before
-        self._on_message(message)
+    def _on_numbered(self, source: tuple[str, type], message: Any, info: dict[str, Any]) -> None:
+        with self._changing:
+            if source != (self.topic, self.kind):
+                return  # it was taken just before `move`
+            number, before = info.get('publication_sequence_number') or 0, self._last
+            self._last = number
+            if 0 < before < number - 1 and self._node.count_publishers(self.topic) == 1:
+                self._missing += number - 1 - before
+            self._on_message(message)

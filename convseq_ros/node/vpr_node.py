@@ -3,6 +3,7 @@
 """The ROS node: images in, recognised places out."""
 
 from contextlib import ExitStack
+from functools import partial
 import gc
 from pathlib import Path
 import time
@@ -21,9 +22,9 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.models.onnx_model import open_model
-from convseq_ros.node.cameras import image_subscriptions, QUEUE_BYTES, TopicFinder
 from convseq_ros.node.diagnostics import Diagnostics, Situation, Statistics
 from convseq_ros.node.frame_context import FrameContext
+from convseq_ros.node.image_subscription import image_subscriptions, QUEUE_BYTES
 from convseq_ros.node.life_cycle import ManagedNode, PATIENCE_S
 from convseq_ros.node.localization import LocalizationTopics
 from convseq_ros.node.map_services import MapServices
@@ -32,6 +33,7 @@ from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers, open_fleet
 from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.node.running import run_until_signal
+from convseq_ros.node.topic_finder import Change, TopicFinder
 from convseq_ros.node.topics import SERVICE_QOS
 from convseq_ros.node.worker import Worker
 from convseq_ros.sources.raw_message import RawMessage
@@ -83,16 +85,15 @@ class VprNode(ManagedNode):
     def _open_work(self, opened: ExitStack) -> None:
         logger, config = self.get_logger(), self._node_config
         self._images = image_subscriptions(self, config, self._on_image)
-        topics = [images.topic for images in self._images] if config.image_topics else []
-        path = Path(config.map_path) if config.map_path else None
-        session = Pipeline(path, self._config, sources=topics, describe=open_model(self._config))
+        self._chosen = [it.topic for it in self._images] if config.image_topics else []
+        session = self._open_session(Path(config.map_path) if config.map_path else None)
         opened.callback(session.close)
         self._results = ResultLog(config.result_file, logger)
         opened.callback(self._results.close)
         for line in session.ignored:
             logger.warning(line)
         self._statistics = Statistics()
-        self._frame_context = FrameContext(self, config, self._config.reading, topics)
+        self._frame_context = FrameContext(self, config, self._config.reading, self._chosen)
         self._answers = MatchPublishers(
             self, config, lambda: self._frame_context.odometry.frame_id
         )
@@ -119,7 +120,7 @@ class VprNode(ManagedNode):
         self.create_service(
             SetBool, '~/set_enabled', self._on_set_enabled, qos_profile=SERVICE_QOS
         )
-        if fleet := open_fleet(self, config, self._config, topics):
+        if fleet := open_fleet(self, config, self._config, self._chosen):
             opened.callback(fleet.close)
         self._fleet = fleet
         self._localization = LocalizationTopics(self, config, self._situation, self._advice)
@@ -129,7 +130,7 @@ class VprNode(ManagedNode):
         self._progress = ProgressLog(
             self, self._statistics, lambda: {**self._worker.drops, 'middleware': self._lost()}
         )
-        self._finder = TopicFinder(self, self._follow, not topics)
+        self._finder = TopicFinder(self, self._on_found, self._chosen, config.depth_topic)
         self._warm = self.create_guard_condition(self._on_warm)
 
     def listen(self) -> None:
@@ -190,9 +191,28 @@ class VprNode(ManagedNode):
             if self._is_open and self.context.ok():
                 raise
 
-    def _follow(self, topics: dict[str, str]) -> None:
-        self._frame_context.follow(topics)
-        self._images[0].move(topics['image'])
+    def _open_session(self, path: Path | None) -> Pipeline:
+        describe = open_model(self._config)
+        return Pipeline(path, self._config, sources=self._chosen, describe=describe)
+
+    def _on_found(self, change: Change) -> None:
+        self._worker.between_items(partial(self._follow, change))
+
+    def _follow(self, change: Change) -> None:
+        """Listen to other topics, in the worker's thread; nothing wrong stays in a growing map."""
+        if self._finder.is_settled:
+            return
+        if 'image' in change.topics:
+            self._images[0].move(change.topics['image'])
+        self._frame_context.follow(change.topics)
+        added = 0
+        if change.gives_up:
+            self._worker.drop_all('given_up')
+            added = self._recognition.take_back(self._open_session)
+            if self._fleet:
+                self._fleet.reset()
+        also = f'; {added} places are taken out of the map again' if added else ''
+        self.get_logger().info(f'{change.text}{also}')
 
     def _on_warm(self) -> None:
         self._ready = self._is_open
@@ -202,6 +222,8 @@ class VprNode(ManagedNode):
     def _publish(
         self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
     ) -> None:
+        if match.accepted:
+            self._finder.settle()
         estimate = self._answers.publish(frame, match, recognizer, duration_ms)
         self._localization.update(match, estimate)
         if self._fleet and recognizer is self._recognition.session.recognizer:
@@ -267,7 +289,8 @@ class VprNode(ManagedNode):
         return sum(images.lost for images in self._images)
 
     def _advice(self) -> str:
-        return '; '.join(images.advice() for images in self._images)
+        cameras = self._finder.cameras()
+        return '; '.join(images.advice(cameras) for images in self._images)
 
     def _situation(self) -> Situation:
         session, odometry = self._recognition.session, self._frame_context.odometry

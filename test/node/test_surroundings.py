@@ -12,6 +12,7 @@ from convseq_ros.core.types import Camera
 from convseq_ros.node import frame_context as module
 from convseq_ros.node.conversions import stamp_from_ns
 from convseq_ros.node.frame_context import Mount
+from convseq_ros.node.topics import LATCHED
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
@@ -93,6 +94,17 @@ def test_bad_camera_info_is_one_warning_and_no_camera(client, frames, street, im
     client.wait_for(lambda: seen)
     assert seen[0].camera is None
     assert ''.join(capfd.readouterr()).count('are not those of a camera') == 1
+
+
+def test_camera_info_that_was_sent_once_before_the_node_started_is_heard(client, vpr, map_path):
+    latched = client.node.create_publisher(CameraInfo, '/camera_info', LATCHED)
+    latched.publish(camera_info())
+    node = vpr(map_path=map_path)
+    camera = node._frame_context.camera
+    client.wait_for(lambda: camera.is_calibrated)
+    # One that keeps nothing is heard beside it.
+    client.camera(CameraInfo, '/camera_info').publish(camera_info(width=0))
+    client.wait_for(lambda: not camera.is_calibrated)
 
 
 class Tracked:

@@ -1,0 +1,171 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The search for topics goes on until it is settled, and ends the same in any order of start."""
+
+from itertools import permutations
+from unittest.mock import Mock
+
+from convseq_ros.node import topic_finder
+from convseq_ros.node.offers import CAMERA_INFO, IMAGE, ODOMETRY, Offer
+from convseq_ros.node.topic_finder import TopicFinder
+import pytest
+
+
+class Graph:
+    """What a finder sees, and the changes that it asked for."""
+
+    def __init__(self, monkeypatch, namespace='/', remapped=(), **options):
+        self.offers, self.changes = [], []
+        names = {'image': 'image', 'camera_info': 'camera_info', 'odom': 'odom', **dict(remapped)}
+        prefix = f'{namespace.rstrip("/")}/'
+        self.node = Mock(
+            get_namespace=lambda: namespace,
+            resolve_topic_name=lambda name: (
+                it if (it := names.get(name, name)).startswith('/') else f'{prefix}{it}'
+            ),
+        )
+        self.warning = self.node.get_logger.return_value.warning
+        monkeypatch.setattr(topic_finder, 'offers_of', lambda _node: [*self.offers])
+        self.finder = TopicFinder(self.node, self.changes.append, **options)
+
+    def add(self, topic, kind=IMAGE):
+        self.offers.append(Offer(topic, kind))
+        self.look()
+
+    def remove(self, topic):
+        self.offers = [offer for offer in self.offers if offer.topic != topic]
+        self.look()
+
+    def look(self):
+        for _ in range(2):
+            self.finder._look()
+
+    @property
+    def used(self):
+        return self.finder._used
+
+
+@pytest.fixture
+def graph(monkeypatch):
+    return lambda *args, **options: Graph(monkeypatch, *args, **options)
+
+
+STARTS = [
+    [Offer('/robot1/lidar/nearir_image', IMAGE)],
+    [Offer('/robot1/camera/image_raw', IMAGE)],
+    [Offer('/robot1/camera/camera_info', CAMERA_INFO)],
+    [Offer('/robot1/wheels/odom', ODOMETRY)],
+    [Offer('/robot2/camera/image_raw', IMAGE), Offer('/robot2/odom', ODOMETRY)],
+]
+
+
+def test_every_order_of_start_ends_with_the_robots_own_topics(graph):
+    for order in permutations(STARTS):
+        seen = graph('/robot1')
+        for start in order:
+            seen.offers += start
+            seen.look()
+        assert seen.used == {
+            'image': '/robot1/camera/image_raw',
+            'camera_info': '/robot1/camera/camera_info',
+            'odom': '/robot1/wheels/odom',
+        }
+
+
+def test_a_topic_is_used_when_two_looks_agree(graph):
+    seen = graph()
+    seen.offers = [Offer('/a/image_raw', IMAGE)]
+    seen.finder._look()
+    assert not seen.changes
+    seen.finder._look()
+    assert [change.topics for change in seen.changes] == [{'image': '/a/image_raw'}]
+
+
+def test_only_what_replaces_a_wrong_topic_takes_its_data_back(graph):
+    seen = graph()
+    seen.add('/lidar/nearir_image')
+    seen.add('/wheels/odom', ODOMETRY)
+    seen.add('/odom', ODOMETRY)
+    seen.add('/camera/image_raw')
+    assert [(dict(change.topics), change.gives_up) for change in seen.changes] == [
+        ({'image': '/lidar/nearir_image'}, True),  # nothing was heard before
+        ({'odom': '/wheels/odom'}, False),
+        ({'odom': '/odom'}, True),
+        ({'image': '/camera/image_raw'}, True),
+    ]
+    assert seen.changes[-1].text == (
+        'image is /camera/image_raw instead of /lidar/nearir_image, as found; to choose another, '
+        '-r NAME:=TOPIC'
+    )
+
+
+def test_the_calibration_of_a_camera_that_is_given_up_goes_with_it(graph):
+    seen = graph()
+    seen.add('/lidar/camera_info', CAMERA_INFO)
+    seen.add('/lidar/nearir_image')
+    assert seen.used['camera_info'] == '/lidar/camera_info'
+    seen.add('/camera/image_raw')
+    assert seen.used['camera_info'] == '/camera_info'
+
+
+def test_topics_that_stopped_are_waited_for_unless_better_ones_come(graph):
+    seen = graph()
+    seen.add('/camera/camera_info', CAMERA_INFO)
+    seen.add('/camera/image_raw')
+    before = dict(seen.used)
+    for topic in ('/camera/image_raw', '/camera/camera_info'):
+        seen.remove(topic)
+    seen.add('/lidar/nearir_image')
+    seen.add('/lidar/camera_info', CAMERA_INFO)
+    assert seen.used == before
+    seen.add('/front/color/image_raw')
+    assert seen.used['image'] == '/front/color/image_raw'
+
+
+def test_a_camera_is_kept_once_the_search_is_settled(graph):
+    seen = graph()
+    seen.add('/lidar/nearir_image')
+    seen.finder.settle()
+    seen.add('/camera/image_raw')
+    assert seen.used['image'] == '/lidar/nearir_image'
+    assert seen.finder._timer.cancel.called
+
+
+def test_an_equal_camera_changes_nothing_and_is_told_once(graph):
+    seen = graph()
+    seen.add('/right/image_raw')
+    seen.add('/left/image_raw')
+    seen.look()
+    assert seen.used['image'] == '/right/image_raw'
+    seen.warning.assert_called_once_with(
+        'image: 2 topics could be meant; to use one: -r image:=/left/image_raw or '
+        '-r image:=/right/image_raw'
+    )
+
+
+def test_two_better_cameras_leave_the_choice_to_a_person(graph):
+    seen = graph()
+    seen.add('/lidar/nearir_image')
+    seen.offers += [Offer('/left/image_raw', IMAGE), Offer('/right/image_raw', IMAGE)]
+    seen.look()
+    assert seen.used['image'] == '/image'
+
+
+@pytest.mark.parametrize(
+    ('options', 'left'),
+    [
+        ({'remapped': {'image': '/mine/image_raw'}.items()}, ['camera_info', 'odom']),
+        ({'image_topics': ['/mine/image_raw']}, ['camera_info', 'odom']),
+        ({'image_topics': ['/mine/image_raw', '/rear']}, ['odom']),
+        ({'remapped': {'image': '/mine', 'camera_info': '/i', 'odom': '/o'}.items()}, []),
+    ],
+)
+def test_what_a_person_chose_stays_and_the_rest_is_found(graph, options, left):
+    seen = graph(**options)
+    before = dict(seen.used)
+    for topic in ('/mine/image_raw', '/other/image_raw'):
+        seen.add(topic)
+    seen.add('/mine/camera_info', CAMERA_INFO)
+    seen.add('/wheels/odom', ODOMETRY)
+    found = {'camera_info': '/mine/camera_info', 'odom': '/wheels/odom'}
+    assert seen.used == before | {name: found[name] for name in left}
