@@ -61,6 +61,7 @@ class Situation:
     further: Mapping[str, int | bool]  # other values on /diagnostics, by name
     fleet: FleetLink | None = None  # searches other maps as well
     model_problem: str = ''  # why the map's descriptor_model is not used, if it failed
+    stamp_problem: str = ''  # of the images
 
     @property
     def map_size(self) -> int:
@@ -132,8 +133,9 @@ class Diagnostics:
                 f'another node is named {self.node.get_fully_qualified_name()}; end it, or '
                 'rename one: -r __node:=NAME'
             )
-        if situation.model_problem:
-            return DiagnosticStatus.WARN, situation.model_problem
+        for problem in (situation.model_problem, situation.stamp_problem):
+            if problem:
+                return DiagnosticStatus.WARN, problem
         if dropped_now:
             model_ms = situation.session.recognizer.first_stage.duration_ms
             by_model = f', of which the model takes {model_ms:.0f} ms' if model_ms else ''

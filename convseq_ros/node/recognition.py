@@ -191,7 +191,7 @@ class Recognition:
         try:
             session.take_back()
         except (ConvseqError, OSError) as error:
-            self._failed_to_write(f'{error}; the map keeps {added} places of other topics')
+            self._failed_to_write(error, f'; the map keeps {added} places of other topics')
             added = 0
         try:
             self.session = open_session(session.path)
@@ -199,7 +199,7 @@ class Recognition:
             self.session.warm_up()
         except (ConvseqError, OSError) as error:
             session.autosave.is_failing = True
-            self._failed_to_write(f'{error}; no new places are kept')
+            self._failed_to_write(error, '; no new places are kept')
         self.link()
         return added
 
@@ -215,9 +215,9 @@ class Recognition:
         except (ConvseqError, OSError) as error:
             self._failed_to_write(error)
 
-    def _failed_to_write(self, error: object) -> None:
+    def _failed_to_write(self, error: Exception, also: str = '') -> None:
         self.statistics.write_failures += 1
-        self.logger.error(one_line(error))
+        self.logger.error(f'{one_line(error)}{also}')
 
     def _read(self, arrival: Arrival) -> tuple[Frame, float]:
         """Return a frame with its pose and depth, and the milliseconds that decoding took."""

@@ -33,6 +33,7 @@ from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers, open_fleet
 from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.node.running import run_until_signal
+from convseq_ros.node.stamps import Stamps
 from convseq_ros.node.topic_finder import Change, TopicFinder
 from convseq_ros.node.topics import SERVICE_QOS
 from convseq_ros.node.worker import Worker
@@ -92,7 +93,7 @@ class VprNode(ManagedNode):
         opened.callback(self._results.close)
         for line in session.ignored:
             logger.warning(line)
-        self._statistics = Statistics()
+        self._statistics, self._stamps = Statistics(), Stamps(self)
         self._frame_context = FrameContext(self, config, self._config.reading, self._chosen)
         self._answers = MatchPublishers(
             self, config, lambda: self._frame_context.odometry.frame_id
@@ -234,12 +235,7 @@ class VprNode(ManagedNode):
         self._statistics.arrived(arrival_ns)
         if not self._enabled:
             return
-        stamp_ns = message.header_stamp_ns
-        if not stamp_ns:
-            stamp_ns = self.get_clock().now().nanoseconds
-            self.get_logger().warning(
-                f'{topic}: images have no stamp; using the time at which they arrive', once=True
-            )
+        stamp_ns = self._stamps.of(message, arrival_ns, topic)
         number = self._statistics.received - 1
         arrival = Arrival(message, stamp_ns, arrival_ns, topic, number)
         self._worker.put(arrival, len(message.cdr))
@@ -313,6 +309,7 @@ class VprNode(ManagedNode):
             },
             fleet=self._fleet,
             model_problem=self._recognition.model_problem,
+            stamp_problem=self._stamps.problem,
         )
 
 

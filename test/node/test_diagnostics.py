@@ -116,10 +116,8 @@ def test_a_camera_that_stopped_is_told_once_and_every_time_that_it_stops(
 @pytest.mark.parametrize(
     ('named', 'kind', 'topic', 'remedy'),
     [
-        ('/cam', CompressedImage, '/cam', 'that ends in /compressed'),
         ('/cam', CompressedImage, '/cam/compressed', '-r image:=/cam/compressed'),
         ('/cam/compressed', Image, '/cam', 'of the camera: -r image:=/cam'),
-        ('/cam/compressed', Image, '/cam/compressed', 'a topic of sensor_msgs/msg/Image, or'),
         ('/cam', DiagnosticArray, '/cam', 'remap `image` to a topic of sensor_msgs/msg/Image'),
     ],
 )
@@ -137,3 +135,32 @@ def test_a_map_whose_file_is_lost_is_an_error(client, vpr, tmp_path):
     node._recognition.session.autosave.give_up(tmp_path / 'map.db', 'it is shorter')
     status = status_with(client, 'map.db: was cut short or overwritten')
     assert status.level == DiagnosticStatus.ERROR
+
+
+def test_stamps_that_do_not_tell_when_an_image_was_taken_are_a_warning(
+    client, vpr, map_path, street, image, capfd
+):
+    node = vpr(map_path=map_path, **PERIOD)
+    odometry, camera = client.camera(Odometry, '/odom'), client.camera(Image)
+    message = Odometry()
+    message.pose.pose.orientation.w = 1.0
+
+    def state_with(stamps_ns, told):
+        for stamp_ns in stamps_ns:
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, SECOND)
+            message.pose.pose.position.x += 0.2
+            odometry.publish(message)
+            camera.publish(image(street[0], stamp_ns))
+        return status_with(client, told)
+
+    taken_ns = [9 * SECOND + number * SECOND // 5 for number in range(20)]
+    constant = state_with([9 * SECOND + 5] * 20, '/image: 20 images in a row have one stamp')
+    whole = state_with(
+        [it // SECOND * SECOND for it in taken_ns], 'have 4 stamps of whole seconds'
+    )
+    assert (constant.level, whole.level) == (DiagnosticStatus.WARN, DiagnosticStatus.WARN)
+    assert whole.message.endswith('have the driver stamp each image when it is taken')
+    right = state_with([it + 10 * SECOND for it in taken_ns], 'recognising places')
+    assert right.level == DiagnosticStatus.OK
+    assert node._statistics.received == 60
+    assert capfd.readouterr().err.count('one stamp') == 1
