@@ -14,12 +14,12 @@ from convseq_ros.sources.images import ENCODINGS
 from convseq_ros.sources.raw_message import COMPRESSED_IMAGE, IMAGE_TYPES, RawMessage
 from convseq_ros.sources.recording import read_camera
 from convseq_ros.sources.storage import is_storage_file, open_storage, Storage
+from convseq_ros.sources.topic_rank import camera_info_beside, image_rank
 from convseq_ros.sources.topics import CAMERA_TYPES, merge_topics, POSE_TYPES, Topic
 
 _REMAPPED = {'--topic': 'image', '--odom': 'odom', '--camera-info': 'camera_info'}
 _FIXES = 'sensor_msgs/msg/NavSatFix'
 _DRAWN = 'debug_image'  # ends the topic of a picture that a node draws
-_COMPRESSED = '/compressed'
 _GREY = '8UC1', 'mono8', 'mono16'  # of encodings, best first, after all of colour
 
 
@@ -73,7 +73,7 @@ def _image_topics(topics: Sequence[Topic], storages: Sequence[Storage]) -> list[
         if encoding in ('', *ENCODINGS):
             rank = _GREY.index(encoding) + 1 if encoding in _GREY else 0
             ranks[topic.name] = rank, topic.type_name == COMPRESSED_IMAGE
-    return sorted(ranks, key=lambda name: (ranks[name], name))
+    return sorted(ranks, key=lambda name: (ranks[name], image_rank(name), name))
 
 
 def _encoding(topic: Topic, storages: Sequence[Storage]) -> str:
@@ -103,17 +103,13 @@ def _camera_topics(
 ) -> Iterator[str]:
     """Yield the topics of calibrated cameras; the one beside the best images is first."""
     names = [topic.name for topic in topics if topic.type_name in CAMERA_TYPES]
-    beside = _camera_info_beside(images[0]) if images else ''
+    beside = camera_info_beside(images[0]) if images else ''
     for name in sorted(names, key=lambda name: (name != beside, name)):
         try:
             read_camera(path, name, reading)
         except SourceError:
             continue
         yield name
-
-
-def _camera_info_beside(image: str) -> str:
-    return f'{image.removesuffix(_COMPRESSED).rpartition("/")[0]}/camera_info'
 
 
 def recording_lines(facts: dict[str, Any]) -> list[str]:
@@ -154,7 +150,7 @@ def _chosen(use: dict[str, list[str]]) -> tuple[dict[str, str], list[str]]:
     """Return the best topic for each option, and lines for the others."""
     chosen = {option: names[0] for option, names in use.items() if names}
     image, info = chosen.get('--topic', ''), chosen.get('--camera-info', '')
-    if info and len(use['--topic']) > 1 and info != _camera_info_beside(image):
+    if info and len(use['--topic']) > 1 and info != camera_info_beside(image):
         del chosen['--camera-info']  # it may describe another camera
     others = [
         f'  {option} {quoted(name)}'

@@ -120,21 +120,22 @@ def test_colour_is_proposed_and_depth_never(name, tmp_path, capsys):
     assert main([*build[1:3], str(tmp_path / 'map.db'), *build[4:]]) == 0
 
 
-def test_colour_comes_before_grey_and_raw_before_compressed(tmp_path, capsys):
+def test_colour_comes_first_then_raw_images_and_usual_names(tmp_path, capsys):
     gray = picture(0)
     color = np.dstack([gray] * 3)
     messages = {
         '/a/debug_image': image(gray),
+        '/a/drawn': image(gray, encoding='bgr8', step=3 * gray.shape[1], data=color.ravel()),
         '/a/mono': image(gray),
         '/b/compressed': compressed(gray, name='rgb8; jpeg compressed bgr8'),
         '/b/compressedDepth': compressed(gray, name='16UC1; compressedDepth png'),
-        '/b/raw': image(gray, encoding='bgr8', step=3 * gray.shape[1], data=color.ravel()),
+        '/b/image_raw': image(gray, encoding='bgr8', step=3 * gray.shape[1], data=color.ravel()),
     }
     rows = [(topic, START_NS, message) for topic, message in messages.items()]
     path = write_recording(tmp_path, 'mcap folder', rows)
     facts = describe_recording(path)
-    assert facts['use']['--topic'] == ['/b/raw', '/b/compressed', '/a/mono']
-    assert facts['images'] == 3
+    assert facts['use']['--topic'] == ['/b/image_raw', '/a/drawn', '/b/compressed', '/a/mono']
+    assert facts['images'] == 4
 
 
 def test_a_camera_that_is_not_calibrated_or_of_another_image_is_not_proposed(tmp_path, capsys):
