@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The exceptions that this package raises on purpose: one clear line each, with the remedy."""
 
+from importlib.util import find_spec
 from pathlib import Path
 import sys
 import sysconfig
@@ -64,11 +65,12 @@ def with_traceback(error: Exception) -> str:
 
 
 def pip_install(*packages: str) -> str:
-    """Return a pip command for this Python; that of apt needs an additional option."""
+    """Return a pip command for this Python; that of apt needs an option, and may have no pip."""
     names = ' '.join(f"'{name}'" if '[' in name else name for name in packages)
     managed = Path(sysconfig.get_path('stdlib'), 'EXTERNALLY-MANAGED').is_file()
     if managed and sys.prefix == sys.base_prefix:
-        return f'pip install --break-system-packages {names}, or without that word in a venv'
+        apt = '' if find_spec('pip') else 'sudo apt install python3-pip && '
+        return f'{apt}pip install --break-system-packages {names} (in a venv, without that option)'
     return f'pip install {names}'
 
 

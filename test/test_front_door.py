@@ -209,7 +209,10 @@ def test_hints_suit_an_environment_that_apt_manages(monkeypatch, tmp_path):
     (tmp_path / 'EXTERNALLY-MANAGED').touch()
     monkeypatch.setattr(sysconfig, 'get_path', lambda _: str(tmp_path))
     monkeypatch.setattr(sys, 'prefix', sys.base_prefix)
-    assert errors.pip_install('mcap').startswith('pip install --break-system-packages mcap')
+    hint = 'pip install --break-system-packages mcap (in a venv, without that option)'
+    assert errors.pip_install('mcap') == hint
+    monkeypatch.setattr(errors, 'find_spec', lambda _: None)
+    assert errors.pip_install('mcap') == f'sudo apt install python3-pip && {hint}'
 
 
 # The node without ROS.
