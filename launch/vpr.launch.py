@@ -1,13 +1,16 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Start vpr_node with a map, or to make one, listening to one camera and its odometry."""
+"""Start vpr_node; its topics and every parameter are arguments."""
 
+import inspect
 from pathlib import Path
-import sys
+import tempfile
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
-from convseq_ros.config.parameter import RETIRED
+from convseq_ros.config import core_parameters
+from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.config.parameter import Parameter, parameters, refuse_unknown
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
@@ -19,61 +22,104 @@ TOPICS = {
     'camera_info': 'its calibration; empty: beside the camera topic',
     'odom': 'odometry topic; empty: the only one in the namespace',
 }
-# Empty ones leave what the file of parameters says.
-PARAMETERS = {
-    'map_path': 'map to open; online mode makes it if there is none, and adds to it',
-    'mode': 'preloaded: recognise the places of a map; online: also add to it',
-}
 OTHERS = {
-    'params_file': 'file of all other parameters',
+    'params_file': 'file of parameters; those that are arguments win',
     'namespace': 'of the node and its topics',
     'use_sim_time': 'true if a recording is played with /clock',
+    'log_level': 'debug, info, warn, error or fatal',
+    'respawn': 'true to start the node again 2 s after it ends',
+    'rviz': 'true to open RViz with a layout of the topics',
 }
-ARGUMENTS = TOPICS | PARAMETERS | OTHERS
+PARAMETERS = {item.name: item for item in (*parameters(NodeConfig), *core_parameters())}
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the node and its arguments."""
-    _refuse_unknown()
-    share = Path(get_package_share_directory('convseq_ros'))
-    defaults = {'params_file': str(share / 'config' / 'vpr_node.yaml'), 'use_sim_time': 'false'}
-    arguments = [
-        DeclareLaunchArgument(name, default_value=defaults.get(name, ''), description=text)
-        for name, text in ARGUMENTS.items()
-    ]
-    return LaunchDescription([*arguments, OpaqueFunction(function=_node)])
-
-
-def _node(context: Any) -> list[Node]:
-    """Return the node, once it is known which arguments were given."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    topics = {name: given[name] for name in TOPICS if given[name]}
-    parameters: dict[str, Any] = {
-        name: ParameterValue(given[name], value_type=str) for name in PARAMETERS if given[name]
+    abouts = TOPICS | OTHERS | {name: _about(item) for name, item in PARAMETERS.items()}
+    defaults = {
+        'params_file': str(_share() / 'config' / 'vpr_node.yaml'),
+        'use_sim_time': 'false',
+        'log_level': 'info',
+        'respawn': 'false',
+        'rviz': 'false',
     }
-    parameters['use_sim_time'] = given['use_sim_time'].lower() in ('true', '1')
+    arguments = [
+        DeclareLaunchArgument(name, default_value=defaults.get(name, ''), description=about)
+        for name, about in abouts.items()
+    ]
+    start = OpaqueFunction(function=_nodes, args=[_included_with()])
+    return LaunchDescription([*arguments, start])
+
+
+def _nodes(context: Any, names: list[str]) -> list[Node]:
+    """Return the nodes to start; ConfigError if an argument, of those names, is unknown."""
+    refuse_unknown(names, [*TOPICS, *OTHERS, *PARAMETERS], 'no such argument')
+
+    def given(name: str) -> str:
+        return str(LaunchConfiguration(name).perform(context))
+
+    def is_true(name: str) -> bool:
+        return given(name).lower() in ('true', '1')
+
+    chosen: dict[str, Any] = {
+        name: ParameterValue(item.parse(given(name)), value_type=item.type)
+        for name, item in PARAMETERS.items()
+        if given(name)  # else as the file of parameters says
+    }
     node = Node(
         package='convseq_ros',
         executable='vpr_node',
         name='vpr_node',
-        namespace=given['namespace'],
-        parameters=[given['params_file'], parameters],
-        remappings=list(topics.items()),
+        namespace=given('namespace'),
+        parameters=[given('params_file'), chosen | {'use_sim_time': is_true('use_sim_time')}],
+        remappings=[(name, given(name)) for name in TOPICS if given(name)],
+        ros_arguments=['--log-level', given('log_level')],
+        respawn=is_true('respawn'),
+        respawn_delay=2.0,
         output='screen',
     )
-    return [node]
+    if not is_true('rviz'):
+        return [node]
+    layout = ['-d', _layout(given('namespace'))]
+    return [node, Node(package='rviz2', executable='rviz2', arguments=layout, output='screen')]
 
 
-def _refuse_unknown() -> None:
-    """Raise ValueError for arguments that `ros2 launch` was given for this file and has not."""
-    here = [at for at, word in enumerate(sys.argv) if Path(word).name == Path(__file__).name]
-    words = sys.argv[here[0] :] if here else []  # another launch file has arguments of its own
-    given = [word for word in words if ':=' in word]
-    names = [word.partition(':=')[0] for word in given]
-    if gone := [name for name in names if name in RETIRED]:
-        raise ValueError(f'parameter {gone[0]!r} is gone: {RETIRED[gone[0]]}')
-    unknown = [word for word in given if word.partition(':=')[0] not in ARGUMENTS]
-    if unknown:
-        raise ValueError(
-            f'no such argument: {", ".join(unknown)}; there are {", ".join(ARGUMENTS)}'
-        )
+def _layout(namespace: str) -> str:
+    """Return the layout for RViz of a node in a namespace, a file."""
+    layout = _share() / 'config' / 'convseq.rviz'
+    if not (prefix := namespace.strip('/')):
+        return str(layout)
+    with tempfile.NamedTemporaryFile('w', suffix='.rviz', delete=False) as copy:
+        copy.write(layout.read_text().replace('/vpr_node', f'/{prefix}/vpr_node'))
+    return copy.name
+
+
+def _share() -> Path:
+    return Path(get_package_share_directory('convseq_ros'))
+
+
+def _about(item: Parameter) -> str:
+    """Return what an argument that is a parameter is for, with its bounds and its default."""
+    bounds = f'{item.bounds} {item.unit}'.strip()
+    return f'{item.doc} ({f"{bounds}; " if bounds else ""}default {item.default!r})'
+
+
+def _included_with() -> list[str]:
+    """
+    Return the names of the arguments that this file was included with.
+
+    `ros2 launch` and other launch files include this one. Their own arguments are not told apart
+    in the context, only in the action that includes it, which is on the stack now.
+    """
+    frame = inspect.currentframe()
+    while frame:
+        including = frame.f_locals.get('self')
+        if type(including).__name__ == 'IncludeLaunchDescription':
+            return [_plain(name) for name, _ in including.launch_arguments]
+        frame = frame.f_back
+    return []
+
+
+def _plain(name: Any) -> str:
+    """Return a name as Python writes it, or XML: there it is a list of substitutions."""
+    return name if isinstance(name, str) else ''.join(part.text for part in name)
