@@ -242,8 +242,11 @@ def test_the_robot_block_of_the_readme_works(workspace):
     pytest.importorskip('rosbags')
     readme = (REPOSITORY / 'README.md').read_text(encoding='utf-8')
     (block,) = re.findall(r'```bash\n(colcon build.*?)```', readme, re.DOTALL)
-    build, make, run = block.splitlines()
+    build, install, make, run = block.splitlines()
     assert build == 'colcon build --packages-select convseq_ros && source install/setup.bash'
+    assert install.split('#')[0].strip() == (
+        'pip install --break-system-packages rosbags mcap zstandard'
+    )
     drawn = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))
     write_recording(workspace / 'first_drive.mcap', drawn)
     # The workspace is built already, by the same command but for this package's name.
