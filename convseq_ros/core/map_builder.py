@@ -149,8 +149,8 @@ class _DrivenMap(OnlineMap):
 
     def add(self, _frame: Frame, _descriptor: Descriptor, _match: Match | None = None) -> None:
         """Link the next place to the one that its match recognises."""
-        link(self._map.links, self.session_start + len(self._passed_m), _match)
-        self._passed_m.append(self._travelled_m)
+        link(self._map.links, self.session_start + len(self._passed_at), _match)
+        self._passed_at.append(self._passed)
 
 
 def _as_driven(source: ReferenceMap) -> ReferenceMap:

@@ -118,6 +118,7 @@ class PlaceRecognizer:
             self.order.check(frame.stamp_ns)
             self.resets += 1
         verdict = self._verdict(frame, descriptor)
+        self.mapping.follow(self.gate.passed)
         if verdict.reason:  # not a keyframe
             match = self._repeated(new_match, verdict.reason)
         else:
@@ -137,7 +138,7 @@ class PlaceRecognizer:
         # III-A: the newest frame joins the rolling buffer; a dropped frame leaves an empty slot.
         capacity = max(2, config.sequence.window)
         buffer.add_empty(verdict.missing, self._blank, capacity)
-        usable = self.mapping.usable(frame.stamp_ns, frame.pose)  # places [0, usable) may match
+        usable = self.mapping.usable  # places [0, usable) may match
         buffer.append(verdict.descriptor, usable, capacity)
         if (features := buffer.newest.features) is None or not usable:
             reason = self.mapping.nothing_usable if features else Reason.UNINFORMATIVE

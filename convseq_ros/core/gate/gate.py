@@ -8,6 +8,7 @@ A near-duplicate test recognises most other frames in 0.1 ms.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor
@@ -30,7 +31,12 @@ class Verdict:
 
 
 class FrameGate:
-    """Selects frames that differ enough in scene, time and pose, while the robot moves."""
+    """
+    Selects frames that differ enough in scene, time and pose, while the robot moves.
+
+    `passed` is the number of keyframes of the drive. In a map that grows, it is the number that
+    the default spacing would select, whatever the spacing is: how many scenes the drive has passed.
+    """
 
     def __init__(
         self, config: Config, keyframes: KeyframeConfig, similarity: PaperSimilarity
@@ -43,6 +49,10 @@ class FrameGate:
         self._keyframes, self._by_scene = keyframes, keyframes.keyframe_overlap < 1.0
         self._glances = NearnessByGlance()
         self._interval_ns = round(_EARLIEST * keyframes.keyframe_interval_s * 1e9)
+        self._by_default: FrameGate | None = None
+        if config.online.grows and keyframes.spacing != KeyframeConfig().spacing:
+            self._by_default = FrameGate(config, KeyframeConfig(), similarity)
+        self.passed = 0  # a reset does not change it
         self.reset()
 
     def configure(self, config: Config) -> None:
@@ -50,6 +60,8 @@ class FrameGate:
         self._standstill.config = config.motion
 
     def reset(self) -> None:
+        if self._by_default:
+            self._by_default.reset()
         self._standstill.reset()
         self._drops.reset()
         self._glances.reset()
@@ -65,6 +77,18 @@ class FrameGate:
         gray: Gray | None = None,
     ) -> Verdict:
         """Return the verdict on the next frame; `encode` describes it if that is needed."""
+        encode_once = cache(encode)
+        verdict = self._check(stamp_ns, pose, encode_once, gray)
+        if self._by_default:
+            self._by_default.check(stamp_ns, pose, encode_once, gray)
+            self.passed = self._by_default.passed
+        else:
+            self.passed += verdict.reason is None
+        return verdict
+
+    def _check(
+        self, stamp_ns: int, pose: Pose | None, encode: Callable[[], Descriptor], gray: Gray | None
+    ) -> Verdict:
         self._drops.observe(stamp_ns)
         if not self._is_due(stamp_ns, pose):
             return Verdict(Reason.BETWEEN_KEYFRAMES, self._blank)

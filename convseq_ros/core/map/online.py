@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Online mapping: the map grows while the robot drives, and may limit the looks of a place."""
 
+from bisect import bisect_left
 from itertools import chain, pairwise
-import math
 
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.graph.links import LINKS, Links
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import constants, Descriptor, Frame, Halves, Match, Pose, Reason
+from convseq_ros.core.types import constants, Descriptor, Frame, Halves, Match, Reason
 import numpy as np
 
 _RECOGNISED = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
@@ -29,6 +29,15 @@ def link(links: Links, place: int, match: Match | None) -> None:
         links.add(place, other, match.confidence, match.best.inliers, match.relative_pose)
     elif match:
         links.add_first(place)
+
+
+@constants
+class RECENT:
+    """Which places of the running drive are too recent to be matched."""
+
+    # Keyframes by the default spacing that the drive must be past a place, so laps of 5 s and of
+    # 5 h are the same. Drives that never return have no match with 20; 40 is no safer.
+    keyframes: int = 20
 
 
 @constants
@@ -132,9 +141,13 @@ class PreloadedMap:
         """Begin a new session, at the end of the map."""
         self.session_start = len(self._map)  # first place of this session
 
-    def usable(self, _stamp_ns: int, _pose: Pose | None) -> int:
-        """Return how many places, from the first, may be matched."""
+    @property
+    def usable(self) -> int:
+        """How many places, from the first, may be matched."""
         return len(self._map)
+
+    def follow(self, passed: int) -> None:
+        """Take in how many scenes the drive has passed (`FrameGate.passed`)."""
 
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
         """Add nothing."""
@@ -149,8 +162,6 @@ class OnlineMap(PreloadedMap):
         self, reference_map: ReferenceMap, config: Config, name: str = '', frame: str = ''
     ) -> None:
         self._name, self._frame = name, frame or None  # name of the session, frame of its poses
-        self._exclusion_ns = round(config.online.exclusion_s * 1e9)
-        self._exclusion_m = config.online.exclusion_m
         self._looks = Looks(reference_map, config.online.max_looks)
         keyframes = config.keyframes
         self._widths_px = keyframes.thumbnail_width_px, keyframes.keep_images_px
@@ -158,20 +169,19 @@ class OnlineMap(PreloadedMap):
 
     def reset(self) -> None:
         super().reset()
-        self._usable, self._travelled_m = self.session_start, 0.0
-        self._pose: Pose | None = None
-        self._passed_m: list[float] = []
+        self._usable, self._passed = self.session_start, 0
+        self._passed_at: list[int] = []  # by place of this session: scenes passed before it
         self._skipping = 0  # number of frames that are still to be left out
 
-    def usable(self, stamp_ns: int, pose: Pose | None) -> int:
-        """Add up the travelled distance; return how many places are old enough to be matched."""
-        if pose and self._pose:
-            self._travelled_m += math.dist(pose.position, self._pose.position)
-        self._pose = pose or self._pose
-        passed = self.session_start + len(self._passed_m)
-        while self._usable < passed and self._is_past(self._usable, stamp_ns):
-            self._usable += 1
+    @property
+    def usable(self) -> int:
+        """How many places, from the first, are old enough to be matched."""
         return self._usable
+
+    def follow(self, passed: int) -> None:
+        """Take in how many scenes the drive has passed (`FrameGate.passed`)."""
+        self._passed, oldest = passed, passed - RECENT.keyframes
+        self._usable = self.session_start + bisect_left(self._passed_at, oldest)
 
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
         """
@@ -185,22 +195,17 @@ class OnlineMap(PreloadedMap):
         if len(self._map) == self.session_start:
             self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
         self._map.add_frame(frame, descriptor, *self._widths_px)
-        self._passed_m.append(self._travelled_m)
+        self._passed_at.append(self._passed)
         link(self._map.links, len(self._map) - 1, _match)
 
     def _skips(self, place: int | None, descriptor: Descriptor) -> bool:
         self._skipping -= 1
         if place is None:
             self._skipping = 0
-        elif self._skipping <= 0 and not len(self._passed_m) % LOOK.stretch:
+        elif self._skipping <= 0 and not len(self._passed_at) % LOOK.stretch:
             vector = vector_of(descriptor)
             self._skipping = 0 if self._looks.has_room(place, vector) else LOOK.stretch
         return self._skipping > 0
-
-    def _is_past(self, index: int, stamp_ns: int) -> bool:
-        distance_m = self._travelled_m - self._passed_m[index - self.session_start]
-        is_far = self._pose is None or distance_m >= self._exclusion_m
-        return is_far and stamp_ns - self._map.places[index].stamp_ns >= self._exclusion_ns
 
 
 class FollowedMap(PreloadedMap):
@@ -213,6 +218,11 @@ class FollowedMap(PreloadedMap):
     def reset(self) -> None:
         self.session_start = self._leader.session_start
 
-    def usable(self, stamp_ns: int, pose: Pose | None) -> int:
+    @property
+    def usable(self) -> int:
+        """How many places the leader may match."""
+        return self._leader.usable
+
+    def follow(self, passed: int) -> None:
+        """Follow the leader's session; it counts the scenes itself."""
         self.session_start = self._leader.session_start
-        return self._leader.usable(stamp_ns, pose)
