@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 import tempfile
 
-from convseq_ros import build_map, Frame
+from convseq_ros import build_map, Config, Frame
 from convseq_ros.config import make_config
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map_builder import MapBuilder
@@ -58,7 +58,7 @@ def driven(route: Route, number: int, light: str) -> Iterator[tuple[Frame, Pose]
 
 def of_laps(data: Path) -> None:
     """Print the links of a drive in laps, and the recall of later laps."""
-    config = make_config({'exclusion_s': laps.EXCLUSION_S})
+    config = Config()
     drive = [*ImageFolder(data / 'laps' / 'drive')]
     truth = laps.read_truth(data / 'laps' / 'ground_truth.csv')
     where = {frame.stamp_ns: laps.place(truth, laps.number(frame)) for frame in drive}
@@ -70,7 +70,7 @@ def of_laps(data: Path) -> None:
         here = where[place.stamp_ns]
         if here is None or of[place.stamp_ns] <= laps.FIRST_LAP:
             continue
-        until_ns = place.stamp_ns - round(laps.EXCLUSION_S * 1e9)
+        until_ns = place.stamp_ns - round(laps.KNOWN_AFTER_S * 1e9)
         before = (where[one.stamp_ns] for one in built.places[:at] if one.stamp_ns <= until_ns)
         known = any(at is not None and laps.off(at, here) <= laps.RIGHT for at in before)
         there += known
@@ -88,7 +88,7 @@ def of_laps(data: Path) -> None:
 
 def of_town(_data: Path) -> None:
     """Print the links of three passes, in one session and in three."""
-    config, route = make_config({'exclusion_s': 30.0}), ring(150.0, 100.0, 5)
+    config, route = Config(), ring(150.0, 100.0, 5)
     links_by_way = []
     for sessions in ((0, 1, 2),), ((0,), (1,), (2,)):
         true = dict[int, Pose]()
@@ -118,7 +118,7 @@ def of_town(_data: Path) -> None:
 
 def of_round(_data: Path) -> None:
     """Print the growth of an online map over many drives of the same round."""
-    config = make_config({'mode': 'online', 'exclusion_s': 6.0})
+    config = make_config({'mode': 'online'})
     route, true, first = ring(60.0, 40.0, 3), dict[int, Pose](), 0
     head('round', 'light', 'right of keyframes', 'false', 'added', 'left', 'times one round')
     with tempfile.TemporaryDirectory() as folder:

@@ -30,7 +30,6 @@ from convseq_ros.config import (
     make_config,
     MatchingConfig,
     MotionConfig,
-    OnlineConfig,
     RobotConfig,
 )
 from convseq_ros.config.parameter import add_parameters, given, Parameter, parameters
@@ -224,11 +223,6 @@ def _why_no_pose(chosen: argparse.Namespace) -> str:
     return f'none were asked for; add {remedy}'
 
 
-def link_parameters() -> list[Parameter]:
-    """Return the parameters that decide which places of a drive are too recent to link."""
-    return [item for item in parameters(OnlineConfig) if item.name.startswith('exclusion')]
-
-
 def _settings() -> dict[str, list[Parameter]]:
     """Return the parameters of places and of the content of maps, by title."""
     kept = 'image_size_px', 'image_mask', 'image_rotation_deg', 'descriptor_model', 'matching'
@@ -238,5 +232,4 @@ def _settings() -> dict[str, list[Parameter]]:
         'motion': [*parameters(MotionConfig)],
         'images': [item for item in encoding if item.name in kept] + [*parameters(ReadingConfig)],
         'robot': [item for item in parameters(RobotConfig) if item.name == 'camera_to_base'],
-        'links': link_parameters(),
     }

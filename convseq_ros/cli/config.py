@@ -18,8 +18,8 @@ Printed by `convseq config --markdown`. They are the same for the node (`-p NAME
 `--params-file`), for `convseq replay --config FILE` and as options (`--min-margin 0.01`).
 `convseq config > my.yaml` prints all of them, ready to edit; a name that is not listed is an
 error. Those marked * may change while the node runs. `build-map` takes those of keyframes and
-motion, `image_size_px`, `image_mask`, `image_rotation_deg`, `camera_to_base`, `max_image_mpx`,
-`max_file_mb`, `exclusion_s` and `exclusion_m`.
+motion, `image_size_px`, `image_mask`, `image_rotation_deg`, `camera_to_base`, `max_image_mpx` and
+`max_file_mb`.
 
 | parameter | default | unit | allowed | meaning |
 |---|---|---|---|---|

@@ -4,21 +4,25 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 import json
 from pathlib import Path
 import sys
 
-from convseq_ros.cli.build_map import link_parameters
 from convseq_ros.cli.map_picture import draw_solved
 from convseq_ros.cli.options import map_progress, progress
-from convseq_ros.config import make_config
-from convseq_ros.config.parameter import add_parameters, given
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.edit import joined, refuse_existing, SessionSlice, slices_of, write_new
+from convseq_ros.core.map.edit import (
+    joined,
+    refuse_existing,
+    relinked,
+    SessionSlice,
+    slices_of,
+    write_new,
+)
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import link_map, not_linked
@@ -34,8 +38,9 @@ from convseq_ros.pose_graph.optimisation import optimise
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('map', type=Path, help='map file; gets the links that it lacks')
+    help_ = 'replace all links by new ones, but for those that `unlink` took out'
+    parser.add_argument('--again', action='store_true', help=help_)
     add_outputs(parser)
-    add_parameters(parser, 'links', link_parameters())
 
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:
@@ -49,17 +54,24 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> None:
-    """Link the places that are not linked yet, store the links, and make the outputs."""
+    """Link the places that are not linked yet, or all, store the links, and make the outputs."""
     if chosen.output:
         refuse_existing(chosen.output)
-    config = make_config(given(chosen, link_parameters()))
-    opened = open_map(chosen.map)
-    if count := sum(map(len, not_linked(opened))):
+    if chosen.again:
+        with relinked(chosen.map) as opened:
+            for _ in _linking(chosen.map, opened):
+                pass
+    elif not_linked(opened := open_map(chosen.map)):
         with closing(Autosave(chosen.map, opened.encoding, opened.keyframes, True)) as kept:
-            linking = link_map(kept.reference_map, config)
-            for _ in progress(linking, count, chosen.map.name, 'places'):
+            for _ in _linking(chosen.map, kept.reference_map):
                 kept.save()
     make_outputs(chosen, open_map(chosen.map))
+
+
+def _linking(path: Path, unlinked: ReferenceMap) -> Iterator[int]:
+    """Link the places of a map that are not linked yet, with progress; yield after each."""
+    count = sum(map(len, not_linked(unlinked)))
+    return progress(link_map(unlinked), count, path.name, 'places')
 
 
 def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:

@@ -104,22 +104,7 @@ def replay_chosen(
         warn(warning)
     if (loaded := first.reference_map).unreadable:
         warn(f'{name}: {loaded.unreadable} kept images cannot be used; {loaded.unreadable_why}')
-    if hint := _all_recent(matches, first.config.online.exclusion_s):
-        warn(hint)
     return summarize(matches, durations)
-
-
-def _all_recent(matches: list[Match], exclusion_s: float) -> str:
-    """Return advice if no place of the map was ever old enough; empty if one was."""
-    if Reason.RECENT not in (seen := {match.reason for match in matches}):
-        return ''
-    if seen & {Reason.ACCEPTED, Reason.AMBIGUOUS, Reason.WEAK, Reason.TOO_FEW_RIVALS}:
-        return ''
-    lasted_s = (matches[-1].query_stamp_ns - matches[0].query_stamp_ns) / 1e9
-    return (
-        f'nothing was old enough to be recognised: the recording lasts {lasted_s:.1f} s, and '
-        f'--exclusion-s is {exclusion_s:g}; set it lower (images without times count 0.1 s apart)'
-    )
 
 
 def in_words(summary: dict[str, Any], slow: str) -> str:

@@ -205,19 +205,11 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True)
 class OnlineConfig(Checked):
-    """Whether the map grows while driving, and which new places are too recent to match."""
+    """Whether the map grows while driving, and by how much."""
 
     mode: str = parameter(
         'preloaded', 'preloaded recognises the places of an existing map, online also adds new '
         'places to it.', choices=('preloaded', 'online'),
-    )
-    exclusion_s: float = parameter(
-        30.0, 'Places of the same drive that are more recent than this are not matched.',
-        unit='s', low=0.0, high=86400.0,
-    )
-    exclusion_m: float = parameter(
-        0.0, 'With odometry, places of the same drive are not matched until the robot has '
-        'travelled this distance since.', unit='m', low=0.0, high=100000.0,
     )
     max_looks: int = parameter(
         8, 'Online mode keeps at most this many keyframes of one place and deletes the one most '

@@ -14,6 +14,7 @@ from convseq_ros.errors import ConfigError
 
 Value = bool | int | float | str
 
+_RECENT = 'places are matched once the drive is 20 keyframes past them; leave it out'
 # Parameters and choices that were removed, and what to set instead.
 RETIRED = {
     'min_evidence': 'set min_confidence instead, a probability; leave it out for the default',
@@ -21,6 +22,8 @@ RETIRED = {
     'velocity_search': 'all velocities are always searched; leave it out',
     'localize_keyframes': 'min_confidence decides when the robot is localised; leave it out',
     'lost_keyframes': 'min_confidence decides when the robot is lost; leave it out',
+    'exclusion_s': _RECENT,
+    'exclusion_m': _RECENT,
 }
 RETIRED_CHOICES = {
     ('acceptance_rule', 'track'): 'set belief instead, or leave it out',

@@ -11,7 +11,6 @@ from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
-from convseq_ros.core.map.online import FollowedMap
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
@@ -94,8 +93,7 @@ class Pipeline:
         """Call this after every frame, as `Autosave.save`; a lost file ends the growth."""
         if self.is_growing and self.autosave.lost:
             self.is_growing = False
-            mapping = FollowedMap(self.recognizer.reference_map, self.recognizer.mapping)
-            self.recognizer.mapping = mapping
+            self.recognizer.mapping.freeze()
         self.autosave.save()
 
     def outlive_file(self) -> None:

@@ -118,7 +118,7 @@ class PlaceRecognizer:
             self.order.check(frame.stamp_ns)
             self.resets += 1
         verdict = self._verdict(frame, descriptor)
-        self.mapping.follow(self.gate.passed)
+        self.mapping.follow(verdict.passed)
         if verdict.reason:  # not a keyframe
             match = self._repeated(new_match, verdict.reason)
         else:

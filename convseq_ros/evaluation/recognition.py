@@ -54,7 +54,7 @@ def recognize(material: Material, config: Config, span: Span | None = None) -> R
     these references, and the cached descriptors are used. The answers are the same.
     """
     if material.data_set.online:
-        config = _online(material, config)
+        config = overridden(config, {'mode': 'online'})
     model = open_model(config)
     query, reference = material.drives(config.encoding)
     reference_map = reference.reference_map
@@ -82,14 +82,6 @@ def recognize(material: Material, config: Config, span: Span | None = None) -> R
             row[[number[place.stamp_ns] for place in usable]] = newest
         matches.append(renumbered(match, lambda best: number[best.reference_stamp_ns]))
     return Recognition(matches, durations, rows)
-
-
-def _online(material: Material, config: Config) -> Config:
-    """Return a configuration for online mode with the set's `exclude_recent`."""
-    stamps_ns = material.drives(config.encoding)[0].stamps_ns
-    step_s = float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 0.0
-    recent = max(1, material.data_set.exclude_recent)
-    return overridden(config, {'mode': 'online', 'exclusion_s': (recent - 0.5) * step_s})
 
 
 def renumbered(match: types.Match, number: Callable[[types.Candidate], int]) -> types.Match:

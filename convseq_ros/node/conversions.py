@@ -26,6 +26,9 @@ from std_msgs.msg import Float64MultiArray, Header
 _NS = 1_000_000_000
 _FIRST_NS, _LAST_NS = -(2**31) * _NS, 2**31 * _NS - 1  # builtin_interfaces/Time: int32 seconds
 _NOWHERE = (math.nan, math.nan, math.nan)
+# Minimum age of a place of the running drive in a pair of `~/loop_closure`. LIO-SAM drops younger
+# pairs (its `historyKeyframeSearchTimeDiff`), and takes only one pair a second.
+_LOOP_CLOSURE_AGE_NS = 30 * _NS
 
 CANDIDATE = np.dtype(
     [(name, '<f4') for name in ('x', 'y', 'z', 'score')]
@@ -92,6 +95,11 @@ def candidates_message(match: Match, places: Sequence[Place], frame_id: str) -> 
         length, session = match.sequence_length, candidate.session
         rows[number] = (x, y, z, score, index, length, stamp.sec, stamp.nanosec, session)
     return cloud_message(rows, match_header(match, frame_id), all(poses))
+
+
+def is_old_enough(query_stamp_ns: int, accepted: Candidate) -> bool:
+    """Return whether a place of the running drive is old enough for `~/loop_closure`."""
+    return query_stamp_ns - accepted.reference_stamp_ns >= _LOOP_CLOSURE_AGE_NS
 
 
 def loop_closure_message(query_stamp_ns: int, accepted: Candidate) -> Float64MultiArray:

@@ -20,6 +20,7 @@ from convseq_ros.node.conversions import (
     candidates_message,
     closure_message,
     image_message,
+    is_old_enough,
     loop_closure_message,
     match_header,
     pose_message,
@@ -112,9 +113,9 @@ class MatchPublishers:
     ) -> PoseEstimate | None:
         config, reference_map = self.config, recognizer.reference_map
         frame, start = config.base_frame, recognizer.mapping.session_start
+        stamp_ns, is_own = match.query_stamp_ns, accepted.reference_index >= start
         # Places of earlier drives in a growing map have stamps of another clock.
-        if not recognizer.config.online.grows or accepted.reference_index >= start:
-            stamp_ns = match.query_stamp_ns
+        if is_old_enough(stamp_ns, accepted) if is_own else not recognizer.config.online.grows:
             self._send('~/loop_closure', partial(loop_closure_message, stamp_ns, accepted))
         pair = [match.query_index, accepted.reference_index]
         self._send('~/loop_closure_index', lambda: Int64MultiArray(data=pair))

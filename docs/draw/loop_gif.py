@@ -18,7 +18,7 @@ from convseq_ros.sources.folder import pictures_in
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-_SECOND_ROUND, _RECENT = 36, 20  # frames: from where on to show, and too young to be matched
+_SECOND_ROUND = 36  # frame from where on to show
 _FRAME_MS, _LAST_MS = 400, 2500
 _GREY_LEVELS = 28
 _FINER = 2  # drawn so many times larger, for smooth lines
@@ -30,16 +30,8 @@ _INK, _DIM, _GREEN, _PAPER = (230, 237, 243), (110, 118, 129), (63, 185, 80), (1
 
 def draw(folder: Path, path: Path) -> None:
     """Recognise the images one after another, in a map that grows, and draw the second round."""
-    # Frames of a folder are 0.1 s apart; half a frame less, so that rounding decides nothing.
-    config = with_values(
-        Config(),
-        {
-            'mode': 'online',
-            'exclusion_s': (_RECENT - 0.5) / 10,
-            'keyframe_overlap': 1.0,
-            'stationary_overlap': 1.0,
-        },
-    )
+    values = {'mode': 'online', 'keyframe_overlap': 1.0, 'stationary_overlap': 1.0}
+    config = with_values(Config(), values)
     recognizer = PlaceRecognizer(ReferenceMap(config.encoding, keyframes=config.keyframes), config)
     pictures = pictures_in(folder)
     closures: list[tuple[int, int]] = []

@@ -33,7 +33,7 @@ _BLOCK_M = 110.0, 70.0  # of the town
 _COUNTS = (0, 1, 3, 6, 12)
 _RIGHT_M, _RIGHT_DEG = 2.0, 10.0  # largest errors of a right closure
 _VPR = {
-    'mode': 'online', 'exclusion_s': 30.0, 'closure_interval_s': 2.0,
+    'mode': 'online', 'closure_interval_s': 2.0,
     'matching': 'coherent', 'search': 'shortlist', 'queue_size': 1000, 'max_wait_s': 0.0,
     'odom_wait_s': 2.0,
 }  # fmt: skip

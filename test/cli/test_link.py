@@ -11,7 +11,7 @@ from convseq_ros.cli.map_picture import laid_out
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map import edit
-from convseq_ros.core.map.edit import unlink
+from convseq_ros.core.map.edit import relinked, unlink
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
@@ -266,6 +266,28 @@ def test_one_link_goes_for_good_and_what_hung_on_it_keeps_its_own(path, capsys):
     assert left.links.anchor(2 * ROUND + 6) == 6
     assert left.is_linked and not not_linked(left)
     assert left.links.details(ROUND + 6).confidence == 0.95
+
+
+def test_linking_again_replaces_all_links_but_those_that_were_taken_out(path, capsys):
+    assert main(['map', 'unlink', str(path), '--place', str(ROUND + 5)]) == 0
+    assert main(['map', 'unlink', str(path), '--place', str(ROUND + 6)]) == 0
+    assert main(['map', 'remove', str(path), '--session', 'round 2']) == 0  # marks are carried on
+    kept = [open_map(path).links.is_unlinked(at) for at in range(2 * ROUND)]
+    assert kept == [at in (ROUND + 5, ROUND + 6) for at in range(2 * ROUND)]
+    before = path.read_bytes()
+    assert main(['map', 'link', str(path)]) == 0 and path.read_bytes() == before
+    with pytest.raises(RuntimeError), relinked(path):
+        raise RuntimeError  # such as Ctrl-C
+    assert path.read_bytes() == before
+    capsys.readouterr()
+    assert main(['map', 'link', str(path), '--again', '--json']) == 0
+    links = json.loads(capsys.readouterr().out)
+    linked = {one['place'] for one in links}
+    assert linked > {*range(ROUND + 10, 2 * ROUND)} and linked.isdisjoint((ROUND + 5, ROUND + 6))
+    assert all(one['other'] == one['place'] - ROUND for one in links)
+    assert all(one['confidence'] != 0.95 for one in links)  # that of the links before
+    again = open_map(path)
+    assert again.is_linked and again.links.is_unlinked(ROUND + 5)
 
 
 def test_links_of_a_session_go_or_all_which_are_looked_up_anew_then(path, capsys):

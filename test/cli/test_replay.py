@@ -14,10 +14,10 @@ from pictures import picture, written
 import pytest
 from two_cameras import COUNT, record_two_cameras, TOPICS
 
-ROUND = 10
+ROUND = 25
 ONLINE = (
-    '--mode', 'online', '--exclusion-s', '0.5', '--fixed-length', '2', '--matching', 'regional',
-    '--search', 'exhaustive', '--keyframe-overlap', '1', '--rival-distance', '2',
+    '--mode', 'online', '--fixed-length', '2', '--matching', 'regional', '--search', 'exhaustive',
+    '--keyframe-overlap', '1', '--rival-distance', '2',
 )  # fmt: skip
 
 
@@ -43,21 +43,15 @@ def replay(tmp_path, capsys):
     return run
 
 
-def test_a_recording_that_is_too_short_for_the_exclusion_says_so(two_rounds, tmp_path, capsys):
-    words = ['replay', str(two_rounds), '--map', str(tmp_path / 'new.db'), *ONLINE]
-    assert main([*words, '--output', str(tmp_path / 'a.csv'), '--exclusion-s', '30']) == 0
-    assert 'lasts 1.9 s, and --exclusion-s is 30; set it lower' in capsys.readouterr().err
-    assert main([*words, '--output', str(tmp_path / 'b.csv')]) == 0
-    assert not capsys.readouterr().err
-
-
 def test_the_second_round_is_recognised_in_the_first(two_rounds, tmp_path, replay):
     path = tmp_path / 'new.db'
     summary, rows = replay(two_rounds, path, *ONLINE)
     assert summary['added'] == 2 * ROUND
     assert [row['image'] for row in rows] == [f'{at:03}.png' for at in range(2 * ROUND)]
-    # The first five frames are younger than half a second, and a sequence has two.
-    assert [row['reason'] for row in rows[:5]] == ['recent'] * 5
+    # A place may be matched from the 21st frame after it on, and a sequence has two.
+    assert [row['reason'] == 'recent' for row in rows] == [
+        index < 21 for index in range(2 * ROUND)
+    ]
     accepted = [
         (int(row['query_index']), int(row['reference_index']))
         for row in rows
@@ -80,11 +74,11 @@ def test_preloaded_never_writes(two_rounds, tmp_path, replay):
 
 def test_a_damaged_picture_costs_only_its_own_frame(two_rounds, tmp_path, replay):
     whole, rows = replay(two_rounds, tmp_path / 'whole.db', *ONLINE)
-    (two_rounds / '015.png').write_bytes(b'not a picture')
+    (two_rounds / '030.png').write_bytes(b'not a picture')
     summary, after = replay(two_rounds, tmp_path / 'damaged.db', *ONLINE)
-    assert after[15]['reason'] == 'unreadable' and summary['reasons']['unreadable'] == 1
-    assert [one['reason'] for one in after[:15]] == [one['reason'] for one in rows[:15]]
-    assert summary['added'] == whole['added'] - 1 and after[19]['reason'] == 'accepted'
+    assert after[30]['reason'] == 'unreadable' and summary['reasons']['unreadable'] == 1
+    assert [one['reason'] for one in after[:30]] == [one['reason'] for one in rows[:30]]
+    assert summary['added'] == whole['added'] - 1 and after[34]['reason'] == 'accepted'
 
 
 def test_a_run_that_fails_tells_what_the_map_keeps_and_how_to_remove_it(

@@ -81,16 +81,17 @@ def test_the_robot_is_where_the_surest_camera_is(reference_map, way_back):
 
 
 def test_the_first_camera_alone_adds_to_a_map(shown):
-    online = with_values(OWN, {'mode': 'online', 'exclusion_s': 0.5})
+    online = with_values(OWN, {'mode': 'online'})
     grown = ReferenceMap(OWN.encoding, keyframes=EVERY_FRAME)
     cameras = Cameras(grown, online, [FRONT, REAR])
-    for number in range(20):
+    for number in range(40):
         cameras.process(shown(number, number, FRONT))
         cameras.process(shown(number, 900 + number, REAR))
-    assert len(grown) == 20 and {place.source for place in grown.places} == {FRONT}
-    # Of its own drive, with the exclusion of what is recent, the other one recognises places.
-    back = [cameras.process(shown(20 + n, 15 - n, REAR, seed=2)) for n in range(12)]
-    assert back[-1].best.reference_index == 4
+    assert len(grown) == 40 and {place.source for place in grown.places} == {FRONT}
+    # Of its own drive, the other one recognises the places that the first one may match.
+    back = [cameras.process(shown(40 + n, 18 - n, REAR, seed=2)) for n in range(12)]
+    assert back[-1].best.reference_index == 7
+    assert cameras.of(REAR).mapping.usable == cameras.first.mapping.usable == 19
 
 
 def test_odometry_denies_a_camera_what_contradicts_the_other_one(shown):

@@ -132,7 +132,7 @@ def test_a_map_of_another_model_is_refused_in_one_line(frames, tmp_path):
 
 def test_places_are_added_with_vectors_to_a_map_that_grows(frames, tmp_path):
     path = tmp_path / 'map.db'
-    online = replace(CONFIG, online=replace(CONFIG.online, mode='online', exclusion_s=1.0))
+    online = replace(CONFIG, online=replace(CONFIG.online, mode='online'))
     session = Pipeline(path, online, describe=small)
     for seed in (0, 1):
         for frame in frames(seed):

@@ -316,7 +316,7 @@ def laps(image, seed=0):
 
 
 def config(**values):
-    return make_config({'image_size_px': 128, 'exclusion_s': 10.0, **values})
+    return make_config({'image_size_px': 128, **values})
 
 
 def is_right(place, other):

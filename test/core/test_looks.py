@@ -202,7 +202,7 @@ def test_build_map_keeps_every_keyframe_unless_asked(path, tmp_path, image):
     frames = [
         Frame((day * 200 + at) * SECOND, image(at, day)) for day in range(3) for at in range(ROUND)
     ]
-    config = make_config({'image_size_px': 128, 'exclusion_s': 20.0, 'max_looks': 1})
+    config = make_config({'image_size_px': 128, 'max_looks': 1})
     every = build_map(frames, None, config)
     assert len(every) == 3 * ROUND
     with MapBuilder(path, config, max_looks=1) as builder:

@@ -5,6 +5,7 @@
 import os
 
 from convseq_ros.config import make_config
+from convseq_ros.core.map.online import RECENT
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Frame
@@ -15,10 +16,11 @@ import pytest
 from bench.torture.maps import drawn
 
 SECOND = 1_000_000_000
-PLACES = 20
+PAST = 20  # places that may be matched after the first drive
+PLACES = PAST + RECENT.keyframes + 1
 SETTINGS = {
-    'matching': 'regional', 'search': 'exhaustive', 'kernel': 'numpy', 'image_size_px': 64,
-    'fixed_length': 1, 'exclusion_s': 1.0, 'keyframe_overlap': 1.0, 'rival_distance': 1,
+    'matching': 'regional', 'search': 'exhaustive', 'kernel': 'numpy', 'image_size_px': 128,
+    'fixed_length': 1, 'keyframe_overlap': 1.0, 'rival_distance': 1,
 }  # fmt: skip
 
 
@@ -40,7 +42,7 @@ def copy_another_map(path, other):
 
 @pytest.fixture
 def drive(tmp_path):
-    """Return a pipeline whose map holds 20 places in its file, and what answers a place."""
+    """Return a pipeline whose map holds 41 places in its file, and what answers a place."""
     made, images, frames = {}, walls(PLACES), [0]
 
     def begin(mode):
@@ -75,7 +77,7 @@ def test_a_growing_map_answers_on_grows_no_more_and_leaves_the_file_alone(drive,
     with pytest.raises(MapError):
         growing.save()
     count = len(growing.recognizer.reference_map)
-    for place in range(2, PLACES):
+    for place in range(2, PAST):
         assert answer(growing, place) == place
         growing.save()
     assert len(growing.recognizer.reference_map) == count

@@ -31,7 +31,7 @@ OWN = make_config(
     {'image_size_px': 256, 'matching': 'coherent', 'search': 'shortlist', 'fixed_length': 4}
 )
 PAPER = with_values(OWN, {'matching': 'regional', 'search': 'exhaustive', 'fixed_length': 0})
-ONLINE = replace(OWN, online=OnlineConfig(mode='online', exclusion_s=1.0), keyframes=BY_TIME)
+ONLINE = replace(OWN, online=OnlineConfig(mode='online'), keyframes=BY_TIME)
 
 
 @pytest.fixture(scope='module')

@@ -4,16 +4,15 @@
 
 from threading import Thread
 
-from convseq_ros.config import Config, OnlineConfig
+from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.image_coding import decode_jpeg, thumbnail
-from convseq_ros.core.map.online import OnlineMap
+from convseq_ros.core.map.online import FollowedMap, OnlineMap
 from convseq_ros.core.map.place import pack_cells, Picture, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Frame, Pose
 import cv2
 import numpy as np
-from poses import at
 import pytest
 
 from bench.torture.maps import cells, ENCODING
@@ -110,45 +109,64 @@ GRAY = np.random.default_rng(0).integers(0, 256, (48, 64), np.uint8)
 DESCRIPTOR = describe(GRAY, ENCODING)
 
 
-def grown(online, seconds, poses=None, earlier=0):
-    """Drive for some seconds; return the online map and how much was usable at each."""
+def grown(passed, earlier=0):
+    """Add a place each time so many scenes were passed; return the map and what was usable."""
     reference_map = ReferenceMap(ENCODING)
     for index in range(earlier):
         reference_map.add(Place(index), pack_cells(DESCRIPTOR.cells))
-    mapping = OnlineMap(reference_map, Config(online=online))
+    mapping = OnlineMap(reference_map, Config())
     usable = []
-    for second in range(seconds):
-        pose = poses[second] if poses else None
-        usable.append(mapping.usable(second * SECOND, pose))
-        mapping.add(Frame(second * SECOND, GRAY, 'camera', pose), DESCRIPTOR)
+    for scenes in passed:
+        mapping.follow(scenes)
+        usable.append(mapping.usable)
+        mapping.add(Frame(SECOND, GRAY, 'camera'), DESCRIPTOR)
     return mapping, reference_map, usable
 
 
-def test_places_become_usable_when_they_are_old_enough():
-    _, reference_map, usable = grown(OnlineConfig(exclusion_s=5.0), 10)
-    assert len(reference_map) == 10
-    assert usable == [0, 0, 0, 0, 0, 1, 2, 3, 4, 5]
+def test_places_become_usable_once_more_than_20_scenes_were_passed_since():
+    _, reference_map, usable = grown(range(1, 26))
+    assert len(reference_map) == 25
+    assert usable == [0] * 21 + [1, 2, 3, 4]
 
 
 def test_places_of_an_earlier_session_are_usable_at_once():
-    mapping, _, usable = grown(OnlineConfig(exclusion_s=3.0), 5, earlier=7)
+    mapping, _, usable = grown(range(1, 24), earlier=7)
     assert mapping.session_start == 7
-    assert usable == [7, 7, 7, 8, 9]
+    assert usable == [7] * 21 + [8, 9]
 
 
-def test_by_odometry_places_must_also_be_far_behind_on_the_way():
-    online = OnlineConfig(exclusion_s=2.0, exclusion_m=10.0)
-    there_and_back = [at(4 * min(second, 8 - second)) for second in range(9)]
-    assert grown(online, 9, there_and_back)[2] == [0, 0, 0, 1, 2, 3, 4, 5, 6]
-    standing = [at(0)] * 9
-    assert grown(online, 9, standing)[2] == [0] * 9
+def test_scenes_without_a_place_are_counted_and_places_in_between_are_not():
+    mapping, _, usable = grown([1, 2, 2, 2, 3, 22, 23])
+    assert usable == [0, 0, 0, 0, 0, 1, 4]
+    mapping.follow(24)  # its frame is not stored
+    assert mapping.usable == 5
 
 
 def test_a_new_session_makes_all_of_the_map_the_past():
-    mapping, reference_map, _ = grown(OnlineConfig(exclusion_s=5.0), 4)
-    assert mapping.usable(4 * SECOND, None) == 0
+    mapping, reference_map, _ = grown(range(1, 5))
+    mapping.follow(5)
+    assert mapping.usable == 0
     mapping.reset()
-    assert mapping.session_start == mapping.usable(0, None) == 4
+    assert mapping.session_start == mapping.usable == 4
+    mapping.follow(6)
     mapping.add(Frame(0, GRAY), DESCRIPTOR)
-    assert [mapping.usable(second * SECOND, None) for second in (1, 5)] == [4, 5]
+    for scenes, usable in ((26, 4), (27, 5)):
+        mapping.follow(scenes)
+        assert mapping.usable == usable
     assert len(reference_map) == 5
+
+
+def test_another_camera_follows_the_first_one_and_counts_no_scenes():
+    leader, reference_map, _ = grown(range(1, 24), earlier=7)
+    follower = FollowedMap(reference_map, leader)
+    follower.follow(500)
+    assert follower.usable == leader.usable == 9
+    assert follower.session_start == 7
+
+
+def test_a_frozen_map_grows_no_more_and_goes_on_counting():
+    mapping, reference_map, _ = grown(range(1, 24))
+    mapping.freeze()
+    mapping.follow(24)
+    mapping.add(Frame(SECOND, GRAY), DESCRIPTOR)
+    assert len(reference_map) == 23 and mapping.usable == 3

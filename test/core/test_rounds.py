@@ -25,7 +25,7 @@ ROUND, SPEED_MPS, STEP_NS = 70, ROUTE.length_m / 7, 10**8  # frames, 10 Hz
 
 ENCODING = EncodingConfig(image_size_px=256)
 
-ONLINE = Config(encoding=ENCODING, online=OnlineConfig(mode='online', exclusion_s=6.0))
+ONLINE = Config(encoding=ENCODING, online=OnlineConfig(mode='online'))
 
 RIGHT_M = 5.0
 

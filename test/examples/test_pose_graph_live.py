@@ -28,7 +28,7 @@ from simulated import shots, two_blocks
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'pose_graph'
 SIMULATED = EXAMPLE / 'simulated.py'
 SETTINGS = {
-    'mode': 'online', 'exclusion_s': 12.0, 'closure_interval_s': 1.0, 'matching': 'coherent',
+    'mode': 'online', 'closure_interval_s': 1.0, 'matching': 'coherent',
     'search': 'shortlist', 'queue_size': 1000, 'max_wait_s': 0.0, 'odom_wait_s': 2.0,
 }  # fmt: skip
 SECOND = 1_000_000_000

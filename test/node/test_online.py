@@ -14,6 +14,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.srv import LoadMap
 import numpy as np
+from pictures import walls
 import pytest
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Float64MultiArray, Int32, Int64MultiArray
@@ -24,7 +25,7 @@ SECOND = 1_000_000_000
 LATER_S = 1000
 # With every frame, as in the map of the street.
 ONLINE = {
-    'mode': 'online', 'exclusion_s': 5.0, 'fixed_length': 1, 'rival_distance': 2,
+    'mode': 'online', 'fixed_length': 1, 'rival_distance': 2,
     'keyframe_overlap': 1.0,
 }  # fmt: skip
 
@@ -34,7 +35,7 @@ def drive(camera, street, image, places, begin_s=LATER_S):
         camera.publish(image(street[place], (begin_s + number) * SECOND))
 
 
-def test_the_second_round_closes_the_loop_and_the_map_is_on_disk(
+def test_the_second_round_closes_the_loop_for_lio_sam_after_30_s_and_the_map_is_on_disk(
     client, vpr, street, image, tmp_path
 ):
     path = tmp_path / 'new.db'
@@ -42,29 +43,30 @@ def test_the_second_round_closes_the_loop_and_the_map_is_on_disk(
     closures = client.listen(Float64MultiArray, '/vpr_node/loop_closure')
     indices = client.listen(Int32, '/vpr_node/match_index')
     diagnostics = client.listen(DiagnosticArray, '/diagnostics')
-    drive(client.camera(Image), street, image, [*range(10), *range(10)])
-    client.wait_for(lambda: len(indices) == 20, 'an answer to every frame')
-    assert [message.data for message in indices] == [-1] * 10 + list(range(10))
-    client.wait_for(lambda: len(closures) == 10)
+    camera = client.camera(Image)
+    drive(camera, street, image, [*range(25), *range(5)])
+    drive(camera, street, image, range(5, 10), LATER_S + 35)
+    client.wait_for(lambda: len(indices) == 35, 'an answer to every frame')
+    assert [message.data for message in indices] == [-1] * 25 + list(range(10))
+    client.wait_for(lambda: len(closures) == 5)  # the others are of 25 s before
     assert [message.data.tolist() for message in closures] == [
-        [LATER_S + 10 + index, LATER_S + index] for index in range(10)
+        [LATER_S + 30 + index, LATER_S + index] for index in range(5, 10)
     ]
-    client.wait_for(lambda: client.values_of(diagnostics[-1])['processed'] == '20')
+    client.wait_for(lambda: client.values_of(diagnostics[-1])['processed'] == '35')
     values = client.values_of(diagnostics[-1])
     assert (values['mode'], values['state'], values['kernel']) == ('online', 'enabled', 'numpy')
-    assert (values['places_added'], values['map_size']) == ('20', '20')
-    assert values['reason_recent'] == '5' and values['reason_accepted'] == '10'
+    assert (values['places_added'], values['map_size']) == ('35', '35')
+    assert values['reason_recent'] == '21' and values['reason_accepted'] == '10'
     # The node of the test before may be seen for a moment: they have one name.
     own = 'recognising places and adding to them'
     client.wait_for(lambda: own in [message.status[0].message for message in diagnostics])
     node.context.try_shutdown()
-    client.wait_for(lambda: len(open_map(path)) == 20, 'the file to be complete')
+    client.wait_for(lambda: len(open_map(path)) == 35, 'the file to be complete')
 
 
-def test_whoever_looks_late_sees_all_closures_and_then_what_is_new(
-    client, vpr, street, image, tmp_path
-):
+def test_whoever_looks_late_sees_all_closures_and_then_what_is_new(client, vpr, image, tmp_path):
     node, shown = vpr(map_path=tmp_path / 'new.db', odom_wait_s=5.0, **ONLINE), []
+    street = walls(33)
     odom, camera = client.camera(Odometry, '/odom'), client.camera(Image)
 
     def show(*places):
@@ -83,20 +85,20 @@ def test_whoever_looks_late_sees_all_closures_and_then_what_is_new(
         client.wait_for(lambda: drawn)
         return {marker.ns: marker for marker in drawn[0].markers}
 
-    show(*range(12), *range(10))
+    show(*range(25), *range(10))
     drawn = client.listen(MarkerArray, '/vpr_node/markers')
     client.wait_until_known_to('/vpr_node')
-    everything = seen(drawn, 20)
+    everything = seen(drawn, 30)
     assert everything.keys() == {'match', 'loop_nodes', 'loop_edges', 'places'}
     edges = [(point.x, point.y) for point in everything['loop_edges'].points]
     assert edges == [(float(place), 0.0) for place in range(10) for _ in range(2)]
     assert len(everything['places'].points) >= 20
     assert everything['match'].action == Marker.DELETE
-    assert seen(drawn, 21).keys() == {'match'}
+    assert seen(drawn, 31).keys() == {'match'}
     assert seen(drawn, 11).keys() == {'match', 'loop_nodes', 'loop_edges'}
     client.listen(MarkerArray, '/vpr_node/markers')
     client.wait_until_known_to('/vpr_node')
-    assert seen(drawn, 22).keys() == everything.keys()
+    assert seen(drawn, 32).keys() == everything.keys()
 
 
 def test_the_places_of_yesterday_are_recognised_but_close_no_loop_of_today(

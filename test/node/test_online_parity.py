@@ -25,11 +25,12 @@ import numpy as np
 START_NS = 1_700_000_000_000_000_000
 STEP_NS = 100_000_000
 # Two rounds, with a stop in the second; the camera of the second is turned to the left.
-PLACES = [*range(14), *range(6), 6, 6, 6, *range(7, 14)]
+ROUND = 26
+PLACES = [*range(ROUND), *range(6), 6, 6, 6, *range(7, 20)]
 TURNED_PX = 40
 CAMERA, AHEAD = Camera(320, 240, 300.0, 300.0, 160.0, 120.0), (0.0, 0.0, 0.0, 1.0)
 PARAMETERS = {
-    'mode': 'online', 'exclusion_s': 0.5, 'exclusion_m': 3.0, 'fixed_length': 2,
+    'mode': 'online', 'fixed_length': 2,
     'rival_distance': 2, 'matching': 'coherent', 'search': 'exhaustive', 'kernel': 'auto',
     'acceptance_rule': 'margin', 'stationary_m': 0.1,
 }  # fmt: skip
@@ -45,8 +46,8 @@ def recording(tmp_path_factory):
     """Return a recording of images, odometry and camera_info."""
     path, shots = tmp_path_factory.mktemp('parity') / 'rounds', []
     for index, place in enumerate(PLACES):
-        x = float(place + 14 * (index >= 14))
-        gray = view(place, -TURNED_PX if index >= 14 else 0)
+        x = float(place + ROUND * (index >= ROUND))
+        gray = view(place, -TURNED_PX if index >= ROUND else 0)
         image, pose = cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR), Pose((x, 0.0, 0.0), AHEAD)
         shots.append(Shot(START_NS + index * STEP_NS, image, pose, x, camera=CAMERA))
     write_recording(path, shots, odom_topic='/wheels', info_topic='/cam/info')

@@ -7,7 +7,7 @@ A near-duplicate test recognises most other frames in 0.1 ms.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 from convseq_ros.config import Config, KeyframeConfig
@@ -28,14 +28,15 @@ class Verdict:
     reason: Reason | None  # why the frame is not a keyframe; None for a keyframe
     descriptor: Descriptor  # of the frame; blank if it was not needed
     missing: int = 0  # keyframes that were dropped before it, by the stamps of a steady stream
+    passed: int = 0  # scenes that the drive has passed, with this one
 
 
 class FrameGate:
     """
     Selects frames that differ enough in scene, time and pose, while the robot moves.
 
-    `passed` is the number of keyframes of the drive. In a map that grows, it is the number that
-    the default spacing would select, whatever the spacing is: how many scenes the drive has passed.
+    In a map that grows, it also counts the scenes that the drive has passed: the keyframes that
+    the default spacing selects, whatever the spacing is. A reset does not change that number.
     """
 
     def __init__(
@@ -49,10 +50,10 @@ class FrameGate:
         self._keyframes, self._by_scene = keyframes, keyframes.keyframe_overlap < 1.0
         self._glances = NearnessByGlance()
         self._interval_ns = round(_EARLIEST * keyframes.keyframe_interval_s * 1e9)
-        self._by_default: FrameGate | None = None
+        self._by_default: FrameGate | None = None  # counts scenes, if the spacing is another
         if config.online.grows and keyframes.spacing != KeyframeConfig().spacing:
             self._by_default = FrameGate(config, KeyframeConfig(), similarity)
-        self.passed = 0  # a reset does not change it
+        self._passed = 0
         self.reset()
 
     def configure(self, config: Config) -> None:
@@ -77,14 +78,14 @@ class FrameGate:
         gray: Gray | None = None,
     ) -> Verdict:
         """Return the verdict on the next frame; `encode` describes it if that is needed."""
+        if self._by_default is None:
+            verdict = self._check(stamp_ns, pose, encode, gray)
+            self._passed += verdict.reason is None
+            return replace(verdict, passed=self._passed)
         encode_once = cache(encode)
         verdict = self._check(stamp_ns, pose, encode_once, gray)
-        if self._by_default:
-            self._by_default.check(stamp_ns, pose, encode_once, gray)
-            self.passed = self._by_default.passed
-        else:
-            self.passed += verdict.reason is None
-        return verdict
+        passed = self._by_default.check(stamp_ns, pose, encode_once, gray).passed
+        return replace(verdict, passed=passed)
 
     def _check(
         self, stamp_ns: int, pose: Pose | None, encode: Callable[[], Descriptor], gray: Gray | None

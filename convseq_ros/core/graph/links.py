@@ -34,7 +34,8 @@ class Link:
     relative: RelativePose | None = None  # of the robot's base at the place, against the other's
 
 
-Row = tuple[int, Link | None]  # a place and its link; None if it was looked up without a result
+# A place, its link (None if it was looked up without a result), and whether a person took it out.
+Row = tuple[int, Link | None, bool]
 
 
 class SessionBounds:
@@ -91,8 +92,9 @@ class Links:
     The links of a map's places, by index; threads may add links while others read.
 
     A place with a link shares the anchor of the earlier place: the first look of both. A place
-    without a link may be marked as looked up: no earlier place shows the same scene. `around`
-    returns the places of a place's session within a distance, as `SessionBounds.around` does.
+    without a link may be marked as looked up: no earlier place shows the same scene. A place that
+    a person unlinked is never linked again. `around` returns the places of a place's session
+    within a distance, as `SessionBounds.around` does.
     """
 
     def __init__(self, around: Callable[[int, int], range]) -> None:
@@ -101,6 +103,7 @@ class Links:
         self._followers = dict[int, list[int]]()  # places by their anchor
         self._links = dict[int, Link]()  # by place; an anchor may have changed since
         self._recorded: list[int] = []  # places that were looked up, in the order of recording
+        self._unlinked = set[int]()  # by a person
 
     def __len__(self) -> int:
         return len(self._links)
@@ -150,12 +153,13 @@ class Links:
         """
         Link a place to an earlier one that shows the same scene; a place keeps its first link.
 
-        An `anchor` is given if the links of the other place are not added before.
+        A place that a person unlinked gets none. An `anchor` is given if the links of the other
+        place are not added before.
         """
         if not 0 <= other < place:
             raise ValueError(f'place {place} cannot be a look of place {other}, not before it')
         with self._adding:
-            if place in self._links:
+            if place in self._links or place in self._unlinked:
                 return
             anchor = self.anchor(other if anchor is None else anchor)
             moved = [place, *self._followers.get(place, ())]
@@ -173,6 +177,15 @@ class Links:
                 self._anchors[place] = place
                 self._recorded.append(place)
 
+    def add_unlinked(self, place: int) -> None:
+        """Mark a place without a link as looked up, and as unlinked by a person."""
+        self._unlinked.add(place)
+        self.add_first(place)
+
+    def is_unlinked(self, place: int) -> bool:
+        """Return whether a person unlinked a place."""
+        return place in self._unlinked
+
     def is_looked_up(self, place: int) -> bool:
         """Return whether a place was looked up among the earlier places."""
         return place in self._anchors
@@ -185,7 +198,7 @@ class Links:
     def since(self, row: int, end: int) -> list[Row]:
         """Return the records from a row on, up to the first whose place is not before `end`."""
         recorded = takewhile(lambda place: place < end, self._recorded[row:])
-        return [(place, self.details(place)) for place in recorded]
+        return [(at, self.details(at), at in self._unlinked) for at in recorded]
 
 
 def chained(link: Link, onward: Link) -> Link:

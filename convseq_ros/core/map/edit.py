@@ -140,6 +140,8 @@ def carry_links(origins: Sequence[tuple[ReferenceMap, int]], links: Links) -> No
             links.add(new, other, link.confidence, link.inliers, link.relative, anchor)
         elif anchor != new:
             links.add(new, anchor)
+        elif source.links.is_unlinked(old):
+            links.add_unlinked(new)
         elif source is origins[0][0] and source.links.is_looked_up(old):
             links.add_first(new)
 
@@ -226,21 +228,45 @@ def unlink(path: Path, places: Collection[int] | None = None) -> int:
     Remove links from a map file; return how many. MapError if another program adds to it.
 
     With `places`, only their links are removed; they stay marked as looked up and are not linked
-    again. By default all links and all marks are removed.
+    again, not even by `relinked`. By default all links and all marks are removed.
     """
+    with _changed_links(path) as opened:
+        links = opened.links
+        left = opened.links = Links(opened.bounds.around)
+        for place, link, is_unlinked in links.since(0, len(opened)) if places is not None else ():
+            if is_unlinked or (link and place in (places or ())):
+                left.add_unlinked(place)
+            elif link:
+                left.add(place, link.other, link.confidence, link.inliers, link.relative)
+            else:
+                left.add_first(place)
+    return len(links) - len(left)
+
+
+@contextmanager
+def relinked(path: Path) -> Iterator[ReferenceMap]:
+    """
+    Yield a map without links, to be linked anew; at the end they replace those of its file.
+
+    Places that a person unlinked stay so. After an error, the file keeps its links. MapError if
+    another program adds to it.
+    """
+    with _changed_links(path) as opened:
+        links = opened.links
+        opened.links = Links(opened.bounds.around)
+        for place in filter(links.is_unlinked, range(len(opened))):
+            opened.links.add_unlinked(place)
+        yield opened
+
+
+@contextmanager
+def _changed_links(path: Path) -> Iterator[ReferenceMap]:
+    """Yield a map whose links replace those of its file at the end, in one step."""
     with _changed(path) as database:
         opened = open_map(path)
-        before, left = len(opened.links), Links(opened.bounds.around)
-        if places is None:
-            database.rows('DELETE FROM links')
-            return before
-        for link in opened.links.each():
-            if link.place in places:
-                left.add_first(link.place)
-            else:
-                left.add(link.place, link.other, link.confidence, link.inliers, link.relative)
-        write_links(database, left.since(0, len(opened)))
-    return before - len(left)
+        yield opened
+        database.rows('DELETE FROM links')
+        write_links(database, opened.links.since(0, len(opened)))
 
 
 @contextmanager

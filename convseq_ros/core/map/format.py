@@ -39,7 +39,8 @@ TABLES = {
     'thumbnail BLOB NOT NULL, crc32 INTEGER NOT NULL)',
     # The image of a place as a JPEG; NULL if it was not kept.
     'images': '(reference_index INTEGER PRIMARY KEY, jpeg BLOB, crc32 INTEGER NOT NULL)',
-    # Places that were looked up among earlier ones; without a result, all other columns are NULL.
+    # Places that were looked up among earlier ones; without a result, all other columns are NULL,
+    # but confidence is 0 if a person took the link out.
     # Relative: the 33 float64 of a `RelativePose`; NULL if it was not measured.
     'links': '(place INTEGER PRIMARY KEY, other INTEGER, anchor INTEGER, confidence REAL, '
     'inliers INTEGER, relative BLOB, crc32 INTEGER NOT NULL)',

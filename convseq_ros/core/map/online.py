@@ -147,10 +147,13 @@ class PreloadedMap:
         return len(self._map)
 
     def follow(self, passed: int) -> None:
-        """Take in how many scenes the drive has passed (`FrameGate.passed`)."""
+        """Take in how many scenes the drive has passed (`Verdict.passed`)."""
 
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
         """Add nothing."""
+
+    def freeze(self) -> None:
+        """Add nothing from now on."""
 
 
 class OnlineMap(PreloadedMap):
@@ -165,12 +168,13 @@ class OnlineMap(PreloadedMap):
         self._looks = Looks(reference_map, config.online.max_looks)
         keyframes = config.keyframes
         self._widths_px = keyframes.thumbnail_width_px, keyframes.keep_images_px
+        self._is_frozen = False
         super().__init__(reference_map)
 
     def reset(self) -> None:
         super().reset()
         self._usable, self._passed = self.session_start, 0
-        self._passed_at: list[int] = []  # by place of this session: scenes passed before it
+        self._passed_at: list[int] = []  # by place of this session: scenes passed, with it
         self._skipping = 0  # number of frames that are still to be left out
 
     @property
@@ -179,7 +183,7 @@ class OnlineMap(PreloadedMap):
         return self._usable
 
     def follow(self, passed: int) -> None:
-        """Take in how many scenes the drive has passed (`FrameGate.passed`)."""
+        """Take in how many scenes the drive has passed (`Verdict.passed`)."""
         self._passed, oldest = passed, passed - RECENT.keyframes
         self._usable = self.session_start + bisect_left(self._passed_at, oldest)
 
@@ -190,13 +194,18 @@ class OnlineMap(PreloadedMap):
         If the place has `max_looks` looks and the frame is similar to one of them, no frame is
         added for a stretch while places are recognised. Surplus looks go when the map is closed.
         """
-        if frame.gray is None or self._skips(recognised_place(_match), descriptor):
+        if self._is_frozen or frame.gray is None:
+            return
+        if self._skips(recognised_place(_match), descriptor):
             return
         if len(self._map) == self.session_start:
             self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
         self._map.add_frame(frame, descriptor, *self._widths_px)
         self._passed_at.append(self._passed)
         link(self._map.links, len(self._map) - 1, _match)
+
+    def freeze(self) -> None:
+        self._is_frozen = True
 
     def _skips(self, place: int | None, descriptor: Descriptor) -> bool:
         self._skipping -= 1
@@ -223,6 +232,6 @@ class FollowedMap(PreloadedMap):
         """How many places the leader may match."""
         return self._leader.usable
 
-    def follow(self, passed: int) -> None:
+    def follow(self, _passed: int) -> None:
         """Follow the leader's session; it counts the scenes itself."""
         self.session_start = self._leader.session_start

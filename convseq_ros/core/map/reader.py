@@ -238,7 +238,8 @@ def _add_links(links: Links, rows: Rows) -> int:
             if crc32 != row_crc((place, other, anchor, confidence, inliers, relative)):
                 raise ValueError('a link fails its checksum')
             if other is None:
-                links.add_first(place)
+                mark = links.add_first if confidence is None else links.add_unlinked
+                mark(place)
                 continue
             are_integers = all(type(value) is int for value in (other, anchor, inliers or 0))
             if not are_integers or not 0 <= anchor <= other or not 0 <= (confidence or 0) <= 1:

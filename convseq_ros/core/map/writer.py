@@ -228,8 +228,9 @@ def _delete_journal(path: Path) -> None:
 
 def write_links(database: Database, rows: Sequence[Row]) -> None:
     """Write links in a transaction that is open already."""
-    for place, link in rows:
-        row: tuple[object, ...] = (place, *(None,) * 5)
+    for place, link, is_unlinked in rows:
+        no_chance = 0.0 if is_unlinked else None
+        row: tuple[object, ...] = (place, None, None, no_chance, None, None)
         if link is not None:
             relative = link.relative and packed_pose(link.relative)
             row = place, link.other, link.anchor, link.confidence, link.inliers, relative

@@ -19,7 +19,7 @@ SMALL = EncodingConfig(image_size_px=256)
 PLACES = 60
 STEP_NS = 10**8
 OWN = make_config({'image_size_px': 256, 'fixed_length': 4})
-ONLINE = with_values(OWN, {'mode': 'online', 'exclusion_s': 1.0})
+ONLINE = with_values(OWN, {'mode': 'online'})
 RESTLESS = with_values(OWN, {'stationary_overlap': 1.0, 'stationary_m': 0.0})
 both_searches = pytest.mark.parametrize(
     'config',

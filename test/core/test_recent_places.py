@@ -1,0 +1,142 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which places of the running drive may be matched: by scenes passed, not by clock or spacing."""
+
+from collections.abc import Sequence
+
+from convseq_ros.config import EncodingConfig, make_config, with_values
+from convseq_ros.config.parameter import RETIRED
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.gate.gate import FrameGate
+from convseq_ros.core.map.online import RECENT
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.similarity.overlap import PaperSimilarity
+from convseq_ros.core.types import Frame
+import cv2
+import numpy as np
+from poses import at
+import pytest
+
+pytestmark = pytest.mark.once
+
+SECOND = 10**9
+WIDTH, HEIGHT, STEP = 160, 120, 16  # of an image in pixels; way of the camera in pixels a metre
+SMALL = EncodingConfig(image_size_px=128)
+ONLINE = make_config({'image_size_px': 128, 'mode': 'online'})
+SPACINGS = {
+    'default': {},
+    'every frame': {'keyframe_overlap': 1.0},
+    'by distance': {'keyframe_distance_m': 3.0},
+    'by time': {'keyframe_interval_s': 1.0},
+}
+# Metres from the start at each frame, and seconds between frames.
+WAYS = {
+    'as it comes': (np.arange(0, 90, 1.0), 0.1),
+    'creeping': (np.arange(0, 90, 0.5), 0.3),
+    'stop and go': ([m for m in range(90) for _ in range(1 if m % 20 else 15)], 0.1),
+    'a video at 60 Hz': (np.arange(0, 90, 0.5), 1 / 60),
+    'a picture a minute': (np.arange(0, 180, 4.0), 60.0),
+}
+
+
+@pytest.fixture(scope='module')
+def wall():
+    """Return a picture of a long wall, coarse and fine, that shows nothing twice."""
+    rng, width = np.random.default_rng(1), 3200
+    layers = [
+        cv2.resize(rng.random((HEIGHT // cell, width // cell), np.float32), (width, HEIGHT))
+        for cell in (4, 8, 20)
+    ]
+    return cv2.normalize(sum(layers), None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+
+
+def along(wall: np.ndarray, way: Sequence[float], step_s: float) -> list[Frame]:
+    """Return what a camera sees that moves along a wall, with a little noise."""
+    frames, rng = [], np.random.default_rng(2)
+    for number, metres in enumerate(way):
+        left = round(metres * STEP)
+        gray = np.take(wall, range(left, left + WIDTH), axis=1, mode='wrap')
+        gray = np.clip(gray + rng.normal(0, 1, gray.shape), 0, 255).astype(np.uint8)
+        stamp_ns = SECOND + round(number * step_s * SECOND)
+        frames.append(Frame(stamp_ns, gray, pose=at(metres)))
+    return frames
+
+
+def driven(frames, config=ONLINE):
+    """Drive online; return the recogniser, and the answers."""
+    recognizer = PlaceRecognizer(ReferenceMap(SMALL, keyframes=config.keyframes), config)
+    return recognizer, [recognizer.process(frame) for frame in frames]
+
+
+def scenes(frames, config):
+    """Return the number of scenes passed at each frame, and which are keyframes."""
+    gate = FrameGate(config, config.keyframes, PaperSimilarity())
+    verdicts = [
+        gate.check(one.stamp_ns, one.pose, lambda one=one: describe(one.gray, SMALL), one.gray)
+        for one in frames
+    ]
+    return [one.passed for one in verdicts], [one.reason is None for one in verdicts]
+
+
+@pytest.mark.parametrize('way', WAYS)
+def test_scenes_are_counted_as_the_default_spacing_selects_them_whatever_is_set(wall, way):
+    frames = along(wall, *WAYS[way])
+    counted, keyframes = scenes(frames, ONLINE)
+    assert counted == np.cumsum(keyframes).tolist()
+    assert 35 <= counted[-1] <= 50  # of the same wall, however it is passed
+    for values in SPACINGS.values():
+        assert scenes(frames, with_values(ONLINE, values))[0] == counted
+
+
+@pytest.mark.parametrize(
+    ('way', 'spacing'),
+    [(way, 'default') for way in WAYS]
+    + [('as it comes', spacing) for spacing in SPACINGS if spacing != 'default']
+    + [('stop and go', 'every frame')],
+)
+def test_a_drive_that_never_returns_matches_nothing(wall, way, spacing):
+    frames = along(wall, *WAYS[way])
+    recognizer, matches = driven(frames, with_values(ONLINE, SPACINGS[spacing]))
+    assert recognizer.mapping.usable >= 5  # there was something to match
+    assert not [match.query_index for match in matches if match.accepted]
+
+
+@pytest.mark.parametrize('lap_s', [5.0, 18_000.0])
+def test_a_full_turn_on_the_spot_is_a_return_however_long_it_takes(wall, lap_s):
+    panorama = wall[:, :1280]  # 80 steps of 16 px
+    turns = [Frame(one.stamp_ns, one.gray) for one in along(panorama, range(200), lap_s / 80)]
+    _, matches = driven(turns)
+    assert not any(match.accepted for match in matches[:80])
+    found = [match for match in matches[100:] if match.accepted]
+    assert len(found) > 20
+    for match in found:
+        turned = (match.query_stamp_ns - match.accepted.reference_stamp_ns) / SECOND / lap_s * 80
+        assert min(turned % 80, -turned % 80) <= 5
+
+
+def test_the_way_back_over_the_same_view_is_a_return(wall):
+    there = [*range(0, 100, 2)]
+    frames = along(wall, [*there, *there[::-1]], 1.0)
+    _, matches = driven(frames)
+    found = [match for match in matches if match.accepted]
+    assert len(found) > 10 and min(match.query_index for match in found) > len(there)
+    for match in found:
+        seen = round((match.accepted.reference_stamp_ns - SECOND) / SECOND)
+        assert abs(seen - (2 * len(there) - 1 - match.query_index)) <= 3
+
+
+def test_frames_that_are_described_ahead_make_nothing_else_usable(wall):
+    frames = along(wall, *WAYS['as it comes'])
+    _, expected = driven(frames)
+    recognizer, _ = driven([])
+    found = []
+    for start in range(0, len(frames), 30):
+        recognizer.expect(frames[start : start + 30])
+        found += [recognizer.process(frame) for frame in frames[start : start + 30]]
+    assert [one.reason for one in found] == [one.reason for one in expected]
+
+
+def test_the_line_about_what_is_gone_tells_the_number():
+    for name in ('exclusion_s', 'exclusion_m'):
+        assert f'the drive is {RECENT.keyframes} keyframes past them' in RETIRED[name]
