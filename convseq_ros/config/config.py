@@ -239,6 +239,11 @@ class KeyframeConfig(Checked):
         low=0.0, high=1.0,
     )
     thumbnail_width_px: int = 128  # of the previews that a map stores; 0 stores none
+    keypoints: int = parameter(
+        300, 'Number of keypoints that the map keeps of each place, a second witness by day, and '
+        'that are detected in each frame; 0 keeps none, and cells decide alone.',
+        low=0, high=1000,
+    )
     keep_images_px: int = parameter(
         0, 'Longer side of an image that the map keeps for each place, for more exact relative '
         'poses by day; 0 keeps none.', unit='px', low=0, high=1280,

@@ -171,6 +171,7 @@ def _frame_of(source: ReferenceMap, index: int) -> tuple[Frame, Descriptor]:
     camera = source.sessions[place.session].camera
     frame = Frame(place.stamp_ns, None, place.source, place.pose, camera=camera)
     descriptor = whole_descriptor(source.cells(index))
+    descriptor = replace(descriptor, keypoints=source.keypoints(index))
     if source.encoding.descriptor_model:
         descriptor = replace(descriptor, vector=source.global_descriptors[index])
     return frame, descriptor

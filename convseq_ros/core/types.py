@@ -87,6 +87,8 @@ class Descriptor:
     cell_entropy: npt.NDArray[np.float64]  # (S, S), mean entropy in bits
     entropy: float  # mean entropy of the image as a share of 8 bits, in [0, 1]
     vector: npt.NDArray[np.float16] | None = None  # (n,), unit length, by a descriptor model
+    # (n, 34), as a map stores them, of a frame without an image.
+    keypoints: npt.NDArray[np.uint8] | None = None
 
     @property
     def informative(self) -> bool:

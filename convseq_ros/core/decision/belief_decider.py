@@ -5,8 +5,9 @@
 from convseq_ros.config import Config
 from convseq_ros.core.decision.belief import Belief, MotionModel
 from convseq_ros.core.decision.decider import Answer, apart, candidate, Query
+from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import strength_of
-from convseq_ros.core.decision.observation import Neighbourhood, Observation, OBSERVED, Observer
+from convseq_ros.core.decision.observation import Neighbourhood, Observation, Observer
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.decision.paper.diagonals import diagonal
 from convseq_ros.core.decision.paper.query_buffer import BUFFER
@@ -33,7 +34,8 @@ class BeliefDecider:
         self._map, self._coarse, self._near = reference_map, coarse, Neighbourhood(reference_map)
         self._belief = Belief(reference_map, MotionModel(reference_map, both, error))
         self._prior = OdometryPrior(reference_map, robot, config.online.grows)
-        self._observer = Observer(coarse, self._near, matching.shortlist_length)
+        witness = KeypointWitness(reference_map, config.keyframes.keypoints)
+        self._observer = Observer(coarse, self._near, witness, matching.shortlist_length)
 
     def reset(self) -> None:
         self._belief.reset()
@@ -54,8 +56,7 @@ class BeliefDecider:
         belief.motion.move(frame.pose, query.missing, query.buffer.novelty)
         self._prior.move(frame.stamp_ns, frame.pose)
         belief.predict(query.usable)
-        predicted = belief.likeliest(OBSERVED.peaks)
-        seen = self._observer.observe(query.buffer, belief.places, predicted, query.session_start)
+        seen = self._observer.observe(query, belief)
         entry = self._prior.shares(seen.places, query.session_start)
         belief.update(seen.places, seen.log_ratios, entry, query.usable)
         return self._answer(query, seen)
@@ -71,7 +72,7 @@ class BeliefDecider:
         is_sure = confidence >= config.min_confidence
         if is_sure and not self._prior.is_denied(best, query.session_start):
             reason, best = Reason.ACCEPTED, self._best_look(best, seen)
-            self._learn(best, seen, query.session_start)
+            self._learn(best, seen)
         elif (excess_m := self._prior.excess_m(best, query.session_start)) is not None:
             reason = Reason.IMPLAUSIBLE
         elif not seen.has_rivals:
@@ -88,15 +89,14 @@ class BeliefDecider:
         strongest = max(looks, key=lambda look: looks[look], default=best)
         return best if strongest in self._map.bounds.around(best, _WINDOW) else strongest
 
-    def _learn(self, best: int, seen: Observation, session_start: int) -> None:
+    def _learn(self, best: int, seen: Observation) -> None:
         """Update the odometry prior and the likelihood after a match."""
         self._prior.fix(best)
         self._observer.end_search()
         near = self._near.mask(seen.places, best, _WINDOW)
-        is_shown, learned = bool((seen.log_ratios[near] > 0).any()), self._observer.likelihood
-        learned.confirm(is_shown)
-        if is_shown and (strengths := self._strengths(best, seen)):
-            learned.learn(max(strengths.values()), best >= session_start)
+        is_shown = bool((seen.log_ratios[near] > 0).any())
+        answers = (seen.asked[at] for at in seen.asked if self._near.is_near(at, best, _WINDOW))
+        self._observer.likelihood.confirm(is_shown, next(answers, None))
 
     def _strengths(self, best: int, seen: Observation) -> dict[int, float]:
         """Return the verification scores of a place and of its looks, as far as verified."""

@@ -3,14 +3,12 @@
 """
 The likelihood ratio of a frame: how many times likelier it is at a place than elsewhere.
 
-It depends on two leads of a place over the best control, a place that is not near it: in pair
-score and in verification score (strength). Both leads are divided by the scale of the controls:
-the best of many wrong places follow a Gumbel distribution, the gaps between them are exponential,
-and the mean gap is the scale. So a lead means the same in a forest and in a corridor of identical
-lockers. After the first match of a drive, a place is also compared with the usual strength of
-its matches.
+Two witnesses speak: cells (pair score and verification) and keypoints. What counts is a place's
+*lead* over its strongest rival, a place that shows another scene. `Likelihood.log_ratios` is the
+equation.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 
@@ -20,12 +18,11 @@ import numpy as np
 
 
 @constants
-class RATIO:
+class CELLS:
     """
-    Coefficients of the logarithm of the likelihood ratio.
+    The density ratio of the cells' leads, its logarithm linear in both; and their scales.
 
-    Chosen by hand on corridor, laps and Gardens Point. scripts/fit_observation.py prints a
-    logistic regression for comparison; it was not repeated after rough scores were introduced.
+    Chosen on corridor, laps and Gardens Point; `scripts/fit_observation.py` prints and draws a fit.
     """
 
     constant: float = -0.7  # without a lead
@@ -33,38 +30,51 @@ class RATIO:
     score: float = 0.5  # per scale of the lead in pair score ...
     most_scales: float = 5.0  # ... up to this many: one similar house can score like a street
     unrelated: float = 30.0  # median strength of unrelated images
-    # Loss per place of distance from a place that leads, for the places beside it.
-    beside: float = 0.25
-    least: float = -2.0
-    most: float = 6.5
     # Scale of the controls' pair scores before a drive has any, and the memory of both scales; the
     # scale of strengths (of twice their square root) starts at 1. The power weakens the scale, as
     # a drive reveals it late.
     prior_score: float = 0.008
     memory: float = 20.0  # frames
     power: float = 0.7
-    # A place with far less strength than matches of the drive have is wrong. The log ratio loses
-    # `doubt` times the logarithm of its share of the usual strength, if that is below `share`.
-    doubt: float = 2.5
-    share: float = 0.6  # For places of the running drive, usual is that of the last two frames.
-    # From this share of the usual strength on, a place is a rival hypothesis and not a control;
-    # and a control lowers the ratio of a place only as far as the place's own share allows.
-    rival: float = 0.75
-    level_memory: float = 5.0  # number of matches over which the usual strength is averaged
+    works: float = 0.86  # probability, at first, that cells show a true place
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Leads:
-    """The leads of verified places over the best control, in scales."""
+@constants
+class KEYPOINTS:
+    """
+    The density ratio of the keypoints' lead: the roots of twice the blocks, so 1 is its sigma.
 
-    strength: Doubles  # (n,), by place
-    score: Doubles  # (n,), by place; at most `RATIO.most_scales`
+    Chosen on laps, corridor, RTAB-Map and drawn streets, by day and night.
+    """
 
-    @property
-    def log_ratios(self) -> Doubles:
-        """The log ratios (n,), linear in both leads."""
-        ratios = RATIO.constant + RATIO.strength * self.strength + RATIO.score * self.score
-        return ratios.clip(RATIO.least, RATIO.most)
+    slope: float = 1.1  # of the log ratio
+    neutral: float = 2.0  # lead without information
+    floor: float = 6.0  # blocks that a rival has at least: by chance, 95 % have fewer
+    hypothesis: float = 0.5  # of the usual blocks: a rival with more is another hypothesis
+    # Probability, at first, that keypoints repeat, by like and by other light. It is learned: a
+    # lead that chance does not give raises it. Nothing lowers it, so false matches do not teach.
+    works_alike: float = 0.95
+    works_otherwise: float = 0.2
+    most: float = 0.995
+    surprising: float = 3.0  # log ratio of a lead that chance does not give
+    memory: float = 10.0  # such leads
+
+
+@constants
+class COPIES:
+    """How often another place looks like the true one."""
+
+    all: float = 0.0015  # share of frames elsewhere that look like a place in every respect
+    along: float = 0.3  # share of drives elsewhere along which the strongest place moves, too
+
+
+@constants
+class SAME_LIGHT:
+    """Places of the running drive: light and camera are the same, and so is the strength."""
+
+    share: float = 0.6  # of the strength of the last two frames; below, a place is doubted ...
+    doubt: float = 2.5  # ... by this much per e-fold
+    least: float = -2.0
 
 
 class RecentMean:
@@ -78,7 +88,7 @@ class RecentMean:
         return self._sum / self._count
 
     def add(self, value: float) -> None:
-        keep = 1 - 1 / RATIO.memory
+        keep = 1 - 1 / CELLS.memory
         self._sum, self._count = keep * self._sum + value, keep * self._count + 1
 
 
@@ -94,6 +104,40 @@ def gumbel_scale(best: Doubles) -> float | None:
     return float((gaps * np.arange(1, len(gaps) + 1)).mean())
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Leads:
+    """The leads of verified places over the strongest rival, in scales."""
+
+    strength: Doubles  # (n,), by place
+    score: Doubles  # (n,), by place; at most `CELLS.most_scales`
+
+    @property
+    def cells(self) -> Doubles:
+        """Logarithms (n,) of the cells' density ratios, linear in both leads."""
+        return CELLS.constant + CELLS.strength * self.strength + CELLS.score * self.score
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A place that keypoints were asked about."""
+
+    root: float  # twice the root of the blocks that agree
+    ratio: float  # logarithm of the density ratio of its lead
+    is_current: bool  # whether the place is of the running drive
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Evidence:
+    """What a frame shows of verified places, and how far the belief expected it."""
+
+    cells: Doubles  # (n,), of each place or a neighbour, from `Leads.cells`
+    keypoints: Doubles  # (n,), log ratios of `Likelihood.keypoints`; 0 where not asked
+    is_strongest: Flags  # (n,), which places lie at the strongest one
+    follows: float  # share of the belief's places, in [0, 1], that predicted the strongest one
+    chance: float  # that the strongest place of a drive elsewhere lies there, in (0, 1]
+    affirmed: float  # ratio by which keypoints affirm the strongest place; 1 if not asked
+
+
 class Likelihood:
     """Computes likelihood ratios of verified places, with statistics of the drive so far."""
 
@@ -101,70 +145,118 @@ class Likelihood:
         self.reset()
 
     def reset(self) -> None:
-        self._strength_scale = RecentMean(1.0, RATIO.memory / 2)
-        self._score_scale = RecentMean(RATIO.prior_score, RATIO.memory / 2)
-        # Logarithm of the usual strength of matches, by `is_current`.
-        self._usual: dict[bool, float] = {}
-        self._missed = RecentMean(0.5, 1.0)  # share of frames that alone do not show their place
+        self._strength_scale = RecentMean(1.0, CELLS.memory / 2)
+        self._score_scale = RecentMean(CELLS.prior_score, CELLS.memory / 2)
+        self._missed = RecentMean(1 - CELLS.works, CELLS.memory / 2)
+        self._repeats: dict[bool, float] = {}  # learned probability, by `is_current`
+        self._usual: dict[bool, float] = {}  # roots of matches, by `is_current`
 
     @property
-    def unseen(self) -> float:
-        """The log ratio of places that were not verified: low if true ones usually are."""
-        return max(RATIO.least, 0.5 * math.log(max(self._missed.value, 1e-3)))
+    def cells_work(self) -> float:
+        """The probability that cells show a true place on this drive."""
+        return 1 - max(self._missed.value, 0.02)
 
-    def confirm(self, is_shown: bool) -> None:
-        """Take in whether the newest frame alone speaks for the matched place."""
-        self._missed.add(not is_shown)
+    @property
+    def unverified(self) -> float:
+        """The log ratio of places that were not verified."""
+        return math.log(1 - self.cells_work)
 
-    def learn(self, strength: float, is_current: bool) -> None:
-        """Take in the strength of a match; `is_current`: its place is of the running drive."""
-        new = math.log(strength)
-        usual = self._usual.setdefault(is_current, new)
-        self._usual[is_current] += (new - usual) / RATIO.level_memory
+    def log_ratios(self, seen: Evidence) -> Doubles:
+        """
+        Return the logarithms (n,) of the likelihood ratios of verified places.
 
-    def hypotheses(self, strengths: Doubles, is_current: Flags) -> Flags:
-        """Return which places (n,) have nearly the usual strength of matches."""
-        return self._shares(strengths, is_current) > math.log(RATIO.rival)
+        With the density ratio e^c of the cells, that of the keypoints, e^k, and the probabilities
+        r and s that cells and keypoints work here, the ratio is
 
-    def judge(self, strengths: Doubles, scores: Doubles, is_rival: Flags) -> Leads:
+            R = (r e^c / q + 1 - r) (s e^k + 1 - s),  bounded by  R / (1 + a R)
+
+        q is the chance that the strongest place of the map lies where it lies, if the drive is
+        elsewhere: 1 in N, or more if the belief followed it, since the strongest place moves along
+        in a share of copies; for all other places q is 1. a is the share of frames elsewhere that
+        look like a place in every respect, so no frame decides alone.
+        """
+        along = COPIES.along / (COPIES.along + (1 - COPIES.along) * min(1.0, seen.affirmed))
+        chance = min(1.0, seen.follows * along + seen.chance)
+        works, gain = self.cells_work, -math.log(chance) * seen.is_strongest
+        total = np.log(works * np.exp(np.minimum(seen.cells + gain, 50.0)) + 1 - works)
+        total += seen.keypoints
+        return np.asarray(total - np.log1p(COPIES.all * np.exp(np.minimum(total, 50.0))))
+
+    def leads(self, strengths: Doubles, scores: Doubles, is_rival: Flags) -> Leads:
         """
         Return the leads of verified places (n,) over the best of the rivals among them.
 
         Updates the scales with the gaps between the rivals.
         """
         roots = 2 * np.sqrt(strengths)
-        hardest = roots[is_rival].max(initial=0.0) or 2 * math.sqrt(RATIO.unrelated)
-        lead = (roots - hardest) / self._strength_scale.value**RATIO.power
+        hardest = roots[is_rival].max(initial=0.0) or 2 * math.sqrt(CELLS.unrelated)
+        lead = (roots - hardest) / self._strength_scale.value**CELLS.power
         above = scores - (scores[is_rival].max() if is_rival.any() else scores.max())
-        prior = RATIO.prior_score ** (1 - RATIO.power)
-        above /= self._score_scale.value**RATIO.power * prior
+        prior = CELLS.prior_score ** (1 - CELLS.power)
+        above /= self._score_scale.value**CELLS.power * prior
         for scale, best in ((self._strength_scale, roots), (self._score_scale, scores)):
             if (gap := gumbel_scale(best[is_rival])) is not None:
                 scale.add(gap)
-        return Leads(lead, above.clip(-RATIO.most_scales, RATIO.most_scales))
+        return Leads(lead, above.clip(-CELLS.most_scales, CELLS.most_scales))
 
-    def support(self, strengths: Doubles, is_current: Flags) -> Doubles:
-        """Return lower bounds (n,) of the log ratios: 0 for a place as strong as a match."""
-        return (RATIO.doubt * self._shares(strengths, is_current)).clip(RATIO.least, 0.0)
+    def asked(self, blocks: Mapping[int, int], current: Mapping[int, bool]) -> dict[int, Asked]:
+        """Return the answers of the keypoints about places, from their agreeing blocks."""
+        roots = {place: 2 * math.sqrt(count) for place, count in blocks.items()}
 
-    def doubts(self, strengths: Doubles, is_current: Flags, step: Verification | None) -> Doubles:
-        """
-        Return log ratios (n,), at most 0, against places with less strength than usual.
+        def is_hypothesis(place: int) -> bool:
+            usual = self._usual.get(current[place], math.inf)
+            return roots[place] ** 2 > KEYPOINTS.hypothesis * usual**2
 
-        Places of the running drive are compared with `step`, the verification of the last two
-        frames.
-        """
-        known = math.log(strength_of(step)) if step else -math.inf
-        usual = np.where(is_current, known, self._usual.get(False, -math.inf))
-        share = np.log(strengths) - usual - math.log(RATIO.share)
-        return (RATIO.doubt * share).clip(RATIO.least, 0.0)
+        answers = {}
+        for place, root in roots.items():
+            rivals = [
+                roots[other]
+                for other in roots
+                if other != place and not (is_hypothesis(place) and is_hypothesis(other))
+            ]
+            lead = root - max([2 * math.sqrt(KEYPOINTS.floor), *rivals])
+            ratio = KEYPOINTS.slope * (lead - KEYPOINTS.neutral)
+            answers[place] = Asked(root, ratio, current[place])
+        return answers
 
-    def _shares(self, strengths: Doubles, is_current: Flags) -> Doubles:
-        """Return logarithms (n,) of shares of the usual strength; -inf if it is not known."""
-        own, other = (self._usual.get(kind, math.inf) for kind in (True, False))
-        return np.log(strengths) - np.where(is_current, own, other)
+    def keypoints(self, answer: Asked, is_alike: bool) -> float:
+        """Return the log ratio of a place by keypoints: silent as far as they do not repeat."""
+        works = self._works(answer.is_current, is_alike)
+        return math.log(works * math.exp(min(answer.ratio, 50.0)) + 1 - works)
+
+    def _works(self, is_current: bool, is_alike: bool) -> float:
+        start = KEYPOINTS.works_alike if is_current or is_alike else KEYPOINTS.works_otherwise
+        return max(start, self._repeats.get(is_current, 0.0))
+
+    def learn_repeats(self, answers: Mapping[int, Asked], is_alike: bool) -> None:
+        """Take in what keypoints said: a lead that chance does not give shows that they repeat."""
+        best = max(answers.values(), key=lambda answer: answer.ratio, default=None)
+        if best and best.ratio > KEYPOINTS.surprising:
+            works = self._works(best.is_current, is_alike)
+            raised = works + (1 - works) / KEYPOINTS.memory
+            self._repeats[best.is_current] = min(KEYPOINTS.most, raised)
+
+    def confirm(self, is_shown: bool, answer: Asked | None) -> None:
+        """Take in a match: whether the newest frame alone speaks for it, and its keypoints."""
+        self._missed.add(not is_shown)
+        if answer:
+            usual = self._usual.setdefault(answer.is_current, answer.root)
+            self._usual[answer.is_current] += (answer.root - usual) / KEYPOINTS.memory
+
+
+def doubts(strengths: Doubles, is_current: Flags, step: Verification | None) -> Doubles:
+    """
+    Return log ratios (n,), at most 0, against places of the running drive with too little strength.
+
+    `step` is the verification of the last two frames of the drive, in the same light.
+    """
+    if step is None:
+        return np.zeros(len(strengths))
+    share = np.log(strengths) - math.log(strength_of(step)) - math.log(SAME_LIGHT.share)
+    doubted = (SAME_LIGHT.doubt * share).clip(SAME_LIGHT.least, 0.0)
+    return np.where(is_current, doubted, 0.0)
 
 
 def strength_of(result: Verification) -> float:
     """Return the strength of a verification, at most 3 times that of the image's upper half."""
-    return max(min(result.strength, 3 * result.upper), RATIO.unrelated / 2)
+    return max(min(result.strength, 3 * result.upper), CELLS.unrelated / 2)

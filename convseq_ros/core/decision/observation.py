@@ -8,10 +8,20 @@ pair scores. The best of these are verified. The likelihood turns the results in
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+import math
 
-from convseq_ros.core.decision.decider import apart
-from convseq_ros.core.decision.likelihood import Leads, Likelihood, RATIO, strength_of
+from convseq_ros.core.decision.belief import Belief
+from convseq_ros.core.decision.decider import apart, Query
+from convseq_ros.core.decision.keypoint_witness import KeypointWitness
+from convseq_ros.core.decision.likelihood import (
+    Asked,
+    doubts,
+    Evidence,
+    Leads,
+    Likelihood,
+    strength_of,
+)
 from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import LINKS
@@ -39,6 +49,11 @@ class OBSERVED:
     checked: int = 2  # ... and this many of them are always verified
     beside: int = 2  # places to either side of the best that are verified, too
     fewest: int = 8  # controls that must be scored; with fewer, no place has a positive ratio
+    loss: float = 0.25  # log ratio per place of distance from a place that leads, for those beside
+    asked: int = (
+        3  # strongest places, apart, that keypoints are asked about, and the likeliest one
+    )
+    sure: float = 0.99  # predicted mass at the strongest place with which keypoints are not asked
 
 
 class Neighbourhood:
@@ -89,18 +104,23 @@ class Observation:
     verified: Mapping[int, Verification]  # by place
     has_rivals: bool  # whether there are enough controls to accept a match
     leads: Leads | None = None  # of the verified places
+    asked: Mapping[int, Asked] = field(default_factory=dict)  # by place, what keypoints say
 
 
 class Observer:
     """Compares the frames of one camera's drive with the map."""
 
-    def __init__(self, coarse: Coarse, near: Neighbourhood, listed: int) -> None:
+    def __init__(
+        self, coarse: Coarse, near: Neighbourhood, witness: KeypointWitness, listed: int
+    ) -> None:
         self._coarse, self._near, self._listed = coarse, near, listed
+        self._witness = witness
         self.likelihood = Likelihood()
         self.reset()
 
     def reset(self) -> None:
         self._coarse.reset()
+        self._witness.reset()
         self.likelihood.reset()
         self._frames = 0  # of the drive
 
@@ -108,16 +128,14 @@ class Observer:
         """Compare frames with fewer places from now on: the drive has its first match."""
         self._frames = OBSERVED.first_frames
 
-    def observe(
-        self, buffer: QueryBuffer, believed: Indices, predicted: Sequence[int], session_start: int
-    ) -> Observation:
+    def observe(self, query: Query, belief: Belief) -> Observation:
         """
-        Return the likelihood ratios of the newest frame, which is informative.
+        Return the likelihood ratios of a query, which is informative.
 
-        They are given for all scored places and for all that are `believed`, (n,), ascending.
-        `predicted` are the likeliest of these, best first. Places from `session_start` on are of
-        the running drive.
+        They are given for all scored places and for all that hold mass in the predicted belief.
         """
+        buffer, believed = query.buffer, belief.places
+        predicted = belief.likeliest(OBSERVED.peaks)
         self._frames += 1
         is_first = self._frames <= OBSERVED.first_frames
         newest = OBSERVED.first_listed if is_first else self._listed // 4
@@ -142,7 +160,7 @@ class Observer:
             more = self._peaks(away, scores[np.searchsorted(places, away)], OBSERVED.peaks - 1)
             verified |= buffer.verified(more)
             peaks += more
-        seen = self._judged(buffer, places, scores, verified, peaks, session_start)
+        seen = self._judged(query, belief, places, scores, verified, peaks)
         # An image that shows nothing new is no new evidence for a place.
         log_ratios = np.where(seen.log_ratios > 0, buffer.novelty, 1.0) * seen.log_ratios
         return self._with(replace(seen, log_ratios=log_ratios), believed)
@@ -160,50 +178,83 @@ class Observer:
 
     def _judged(
         self,
-        buffer: QueryBuffer,
+        query: Query,
+        belief: Belief,
         places: Indices,
         scores: Doubles,
         verified: Mapping[int, Verification],
         peaks: Sequence[int],
-        session_start: int,
     ) -> Observation:
-        judge = self.likelihood
-        log_ratios = np.full(len(places), judge.unseen)
+        likelihood, buffer = self.likelihood, query.buffer
+        log_ratios = np.full(len(places), likelihood.unverified)
         if not verified:
-            return Observation(places, np.minimum(log_ratios, 0.0), verified, False)
+            return Observation(places, log_ratios, verified, False)
         order = sorted(verified)
         examined, is_peak = np.array(order), np.array([place in peaks for place in order])
-        at, is_current = np.searchsorted(places, examined), examined >= session_start
+        at, is_current = np.searchsorted(places, examined), examined >= query.session_start
         strengths = np.array([strength_of(verified[place]) for place in order])
-        best = int(strengths.argmax())
-        is_rival = is_peak & ~self._near.mask(examined, int(examined[best]))
-        is_hypothesis = judge.hypotheses(strengths, is_current)
-        if is_hypothesis[best]:
-            is_rival &= ~is_hypothesis
-        controls = self._elsewhere(places, int(examined[best]))
-        has_rivals = len(controls) >= OBSERVED.fewest and bool(is_rival.any())
-        leads = judge.judge(strengths, scores[at], is_rival)
-        log_ratios[at] = leads.log_ratios
-        if not has_rivals:  # lower all, so that no place is likelier than elsewhere
-            best_ratio = max(0.0, float(log_ratios.max()))
-            log_ratios = np.maximum(log_ratios - best_ratio, RATIO.least)
+        best = int(examined[strengths.argmax()])
+        is_rival = is_peak & ~self._near.mask(examined, best)
+        has_rivals = len(self._elsewhere(places, best)) >= OBSERVED.fewest and bool(is_rival.any())
+        leads = likelihood.leads(strengths, scores[at], is_rival)
+        mass = float(belief.mass[self._near.beside(belief.places, best, OBSERVED.beside)].sum())
+        asked, is_alike = {}, self._witness.is_like(query.frame, query.usable)
+        if mass < OBSERVED.sure:
+            asked = self._asked(query, belief, examined[np.argsort(-strengths, kind='stable')])
+        spoken = {place: likelihood.keypoints(one, is_alike) for place, one in asked.items()}
+        likelihood.learn_repeats(asked, is_alike)
         # A single frame does not distinguish a place from its neighbours.
-        beside = OBSERVED.beside, RATIO.beside
-        smoothed = self._near.best_beside(examined, examined, log_ratios[at], *beside)
-        log_ratios[at] = np.maximum(smoothed, judge.support(strengths, is_current))
+        heard = np.array([*spoken], np.int64)
+        by_keypoints = self._near.best_beside(
+            examined, heard, np.array([*spoken.values()]), OBSERVED.beside
+        )
+        reach, loss = OBSERVED.beside, OBSERVED.loss
+        evidence = Evidence(
+            self._near.best_beside(examined, examined, leads.cells, reach, loss),
+            np.where(np.isfinite(by_keypoints), by_keypoints, 0.0),
+            self._near.beside(examined, best, OBSERVED.beside) & has_rivals,
+            mass / (1 - belief.elsewhere) if belief.elsewhere < 1 else 0.0,
+            min(1.0, (2 * OBSERVED.beside + 1) / query.usable),
+            math.exp(spoken.get(best, 0.0)),
+        )
+        log_ratios[at] = likelihood.log_ratios(evidence)
+        if not has_rivals:  # no place is likelier than elsewhere
+            log_ratios = np.minimum(log_ratios, 0.0)
         step = buffer.verified_step if is_current.any() else None
-        doubts = judge.doubts(strengths, is_current, step)
-        # Within the running drive, light and camera are the same: a doubted place is not likely.
-        is_doubted = is_current & (doubts < 0)
-        capped = np.where(is_doubted, np.minimum(log_ratios[at], 0.0), log_ratios[at])
-        log_ratios[at] = capped + doubts
-        return Observation(places, log_ratios, verified, has_rivals, leads)
+        doubted = doubts(strengths, is_current, step)
+        log_ratios[at] = np.where(doubted < 0, np.minimum(log_ratios[at], 0.0), log_ratios[at])
+        log_ratios[at] += doubted
+        return Observation(places, log_ratios, verified, has_rivals, leads, asked)
+
+    def _asked(self, query: Query, belief: Belief, strongest: Indices) -> dict[int, Asked]:
+        """
+        Return what keypoints say of the strongest places that are apart and the likeliest one.
+
+        `strongest` are the verified places (n,), best first. Empty without keypoints.
+        """
+        features = query.buffer.newest.features
+        keypoints = self._witness.keypoints(query.frame, query.buffer.newest.descriptor)
+        if keypoints is None or features is None or features.arranged is None:
+            return {}
+        chosen, likeliest = list[int](), belief.likeliest(1)
+        known = [place for place in likeliest if place in strongest]
+        for place in [*strongest.tolist(), *known]:
+            is_apart = not any(self._near.is_near(place, other) for other in chosen)
+            if is_apart and (len(chosen) < OBSERVED.asked or place in known):
+                chosen.append(place)
+        side, blocks = features.arranged.side, dict[int, int]()
+        for place in chosen:
+            count = self._witness.blocks(keypoints, place, query.buffer.motion(place), side)
+            if count is not None:
+                blocks[place] = count
+        current = {place: place >= query.session_start for place in blocks}
+        return self.likelihood.asked(blocks, current)
 
     def _with(self, seen: Observation, believed: Indices) -> Observation:
         """Return an observation with more places; low ratios spread to unverified neighbours."""
         places = np.union1d(seen.places, believed)
         examined = np.array(sorted(seen.verified), np.int64)
-        log_ratios = np.full(len(places), self.likelihood.unseen)
+        log_ratios = np.full(len(places), self.likelihood.unverified)
         at = np.searchsorted(places, seen.places)
         log_ratios[at] = seen.log_ratios
         if not len(examined):

@@ -75,5 +75,16 @@ def field(query: Arranged, reference: Arranged, shift: Shift) -> Doubles:
     return np.column_stack((middles / cells, off <= MOTION.sigma_cells)).astype(np.float64)
 
 
+def motion(query: Arranged, reference: Arranged, shift: Shift) -> Doubles:
+    """
+    Return the motion (2, 3) that `verify` fits to two images.
+
+    Rows and columns moved, in cells, are its products with (1, row, column): the position in sides
+    of the image, in regions, from its middle.
+    """
+    kernels, start = kernels_of(__package__), _start(shift)
+    return kernels.fit_motion(kernels.displacements(query, reference, start), query.side, start)[0]
+
+
 def _start(shift: Shift) -> tuple[int, int]:
     return round(shift[0]), round(shift[1])

@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The layout of a map's SQLite file, format 6.
+The layout of a map's SQLite file, format 7.
 
 `about` holds the map's id and the settings it was made with. `sessions` are its drives; the places
 of a session follow each other in order. `places` and `links` are read when a map is opened, the
@@ -24,7 +24,7 @@ from convseq_ros.core.types import Camera, Halves, Pose, RelativePose
 from convseq_ros.errors import ConfigError
 import numpy as np
 
-FORMAT_VERSION = 6  # PRAGMA user_version
+FORMAT_VERSION = 7  # PRAGMA user_version
 APPLICATION_ID = 0x43565351  # PRAGMA application_id; CVSQ
 PAGE_BYTES = 16_384  # the cells of a place fill a page; what else 6 rows hold shares another
 TABLES = {
@@ -36,7 +36,7 @@ TABLES = {
     'source TEXT NOT NULL, x REAL, y REAL, z REAL, qx REAL, qy REAL, qz REAL, qw REAL, '
     'session INTEGER NOT NULL, pooled BLOB NOT NULL, crc32 INTEGER NOT NULL)',
     'pictures': '(reference_index INTEGER PRIMARY KEY, cells BLOB NOT NULL, '
-    'thumbnail BLOB NOT NULL, crc32 INTEGER NOT NULL)',
+    'thumbnail BLOB NOT NULL, keypoints BLOB NOT NULL, crc32 INTEGER NOT NULL)',
     # The image of a place as a JPEG; NULL if it was not kept.
     'images': '(reference_index INTEGER PRIMARY KEY, jpeg BLOB, crc32 INTEGER NOT NULL)',
     # Places that were looked up among earlier ones; without a result, all other columns are NULL,

@@ -167,7 +167,7 @@ class OnlineMap(PreloadedMap):
         self._name, self._frame = name, frame or None  # name of the session, frame of its poses
         self._looks = Looks(reference_map, config.online.max_looks)
         keyframes = config.keyframes
-        self._widths_px = keyframes.thumbnail_width_px, keyframes.keep_images_px
+        self._kept = keyframes.thumbnail_width_px, keyframes.keep_images_px, keyframes.keypoints
         self._is_frozen = False
         super().__init__(reference_map)
 
@@ -200,7 +200,7 @@ class OnlineMap(PreloadedMap):
             return
         if len(self._map) == self.session_start:
             self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
-        self._map.add_frame(frame, descriptor, *self._widths_px)
+        self._map.add_frame(frame, descriptor, *self._kept)
         self._passed_at.append(self._passed)
         link(self._map.links, len(self._map) - 1, _match)
 

@@ -40,6 +40,7 @@ class Picture:
 
     packed: Packed  # (S, S, 8), cells from `pack_cells`, or `NO_CELLS`
     thumbnail: bytes = b''  # a small JPEG for people; empty if none was kept
+    keypoints: bytes = b''  # as `encoding.keypoints` stores them; empty if none were kept
     image: bytes | None = None  # the frame as a JPEG, if it was kept
     depths: bytes | None = None  # of the regions, from `packed_depths`
 

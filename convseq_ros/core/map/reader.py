@@ -97,12 +97,15 @@ class MapReader:
 
     def about(self) -> dict[str, Any]:
         """Return the rows of `about`, and the numbers of thumbnails, images and depths."""
-        counts = {'thumbnails': 0, 'images': 0, 'image_bytes': 0, 'depths': 0}
+        names = 'thumbnails', 'keypoints', 'keypoint_bytes', 'images', 'image_bytes', 'depths'
+        counts = dict.fromkeys(names, 0)
         with self._snapshot():
             for start in range(0, self._end(), _ROWS_AT_ONCE):
                 block = f'WHERE reference_index BETWEEN {start} AND {start + _ROWS_AT_ONCE - 1}'
                 for name, query in (
                     ('thumbnails', 'count(nullif(length(thumbnail), 0)) FROM pictures'),
+                    ('keypoints', 'count(nullif(length(keypoints), 0)) FROM pictures'),
+                    ('keypoint_bytes', 'coalesce(sum(length(keypoints)), 0) FROM pictures'),
                     ('images', 'count(jpeg) FROM images'),
                     ('image_bytes', 'coalesce(sum(length(jpeg)), 0) FROM images'),
                 ):
@@ -169,12 +172,12 @@ class MapReader:
                 images = self._of_places('images', block) if with_images else {}
                 depths = self._of_places('depths', block, are_all=False) if with_images else {}
                 for index in block:
-                    cells, thumbnail = stored[index]
+                    cells, thumbnail, keypoints = stored[index]
                     packed = NO_CELLS
                     if self.encoding.keeps_cells:
                         packed = decode_cells(cells, self._cell_shape)
                     optional = *images.get(index, (None,)), *depths.get(index, (None,))
-                    pictures[index] = Picture(packed, thumbnail, *optional)
+                    pictures[index] = Picture(packed, thumbnail, keypoints, *optional)
         return [pictures[index] for index in indices]
 
     def _of_places(

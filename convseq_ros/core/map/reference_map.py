@@ -9,8 +9,9 @@ from typing import Any
 from uuid import uuid4
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.encoding.descriptor import cell_shape
+from convseq_ros.core.encoding.descriptor import cell_shape, seen_cells
 from convseq_ros.core.encoding.first_stage import vector_length
+from convseq_ros.core.encoding.keypoints import BYTES, detect, StoredKeypoints
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Links, SessionBounds
@@ -64,6 +65,8 @@ class ReferenceMap:
         self.problem = ''  # one line about damage that does not prevent the use of the map
         self.keeps_images = read_pictures is not None  # whether there may be images or depths
         self.unreadable, self.unreadable_why = 0, ''
+        # The newest image whose keypoints were detected, how many at most, and these.
+        self._detected: tuple[Gray, int, StoredKeypoints] | None = None
         # Called with the error if stored cells cannot be read, which are blank then; None raises.
         self.on_loss: Callable[[MapError], None] | None = None
 
@@ -91,20 +94,22 @@ class ReferenceMap:
         descriptor: Descriptor,
         thumbnail_width_px: int = 0,
         keep_images_px: int = 0,
+        keypoints: int = 0,
     ) -> None:
-        """Append a place made from a frame and its descriptor."""
+        """Append a place made from a frame and its descriptor, with at most so many keypoints."""
         if not self.sessions:
             self.begin_session(frame.stamp_ns, frame.camera)
         place = Place(frame.stamp_ns, frame.source, frame.pose, len(self.sessions) - 1)
-        small, image, depths = b'', None, None
+        small, image, depths, corners = b'', None, None, b''
         if (gray := frame.gray) is not None:
             small, image = thumbnail(gray, thumbnail_width_px), encode_image(gray, keep_images_px)
             depths = packed_depths(frame.depth_m, gray.shape, self.cell_shape[0])
+            corners = self.detect(gray, keypoints).tobytes()
         packed, vector = pack_cells(descriptor.cells), descriptor.vector
         if not self.encoding.keeps_cells:
             vector = global_descriptor(unpack_cells(packed)) if vector is None else vector
             packed = NO_CELLS
-        self.add(place, packed, small, vector, image, depths)
+        self.add(place, packed, small, vector, image, depths, corners)
 
     def add(
         self,
@@ -114,6 +119,7 @@ class ReferenceMap:
         descriptor: npt.ArrayLike | None = None,
         image: bytes | None = None,
         depths: bytes | None = None,
+        keypoints: bytes = b'',
     ) -> None:
         """Append a place; its global descriptor (n,) is computed from the cells by default."""
         shape, dtype = packed.shape, packed.dtype
@@ -127,7 +133,7 @@ class ReferenceMap:
         if not self.sessions:
             self.begin_session(place.stamp_ns)
         self.keeps_images |= image is not None or depths is not None
-        self._in_memory.append(Picture(packed, thumbnail, image, depths))
+        self._in_memory.append(Picture(packed, thumbnail, keypoints, image, depths))
         self.places.append(place, descriptor)
 
     def begin_session(
@@ -187,11 +193,28 @@ class ReferenceMap:
         except MapError:
             has_cells = self.encoding.keeps_cells
             packed = np.zeros(self.cell_shape, np.float16) if has_cells else NO_CELLS
-            return Picture(packed, b'', None, None)
+            return Picture(packed)
 
     def image(self, index: int, max_mpx: float) -> Gray | None:
         """Return the image of a place; None if none was kept, or it cannot be decoded."""
         return self._decoded('image', index, lambda kept: decode_image(kept.image, max_mpx))
+
+    def detect(self, gray: Gray, most: int) -> StoredKeypoints:
+        """Return the keypoints (n, 34) of an upright image (H, W), without masked parts."""
+        if self._detected is None or self._detected[0] is not gray or self._detected[1] != most:
+            seen = seen_cells(self.encoding.image_mask, self.cell_shape[0])
+            self._detected = gray, most, detect(gray, seen, most)
+        return self._detected[2]
+
+    def keypoints(self, index: int) -> StoredKeypoints | None:
+        """Return the keypoints (n, 34) of a place; None if none were kept, or they are damaged."""
+        try:
+            kept = self.pictures([index])[0].keypoints
+            return np.frombuffer(kept, np.uint8).reshape(-1, BYTES) if kept else None
+        except (MapError, ValueError) as error:
+            self.unreadable += 1
+            self.unreadable_why = f'keypoints of reference {index}: {error}'
+            return None
 
     def depths(self, index: int) -> Depths | None:
         """Return the depths of a place's regions; None if there are none, or they are damaged."""

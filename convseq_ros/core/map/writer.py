@@ -102,7 +102,7 @@ class MapWriter:
         numbers = place.stamp_ns, place.source, *place.pose_numbers, place.session
         cells = picture.packed.astype('<f2').tobytes()
         self._insert('places', index, *numbers, descriptor)
-        self._insert('pictures', index, cells, picture.thumbnail)
+        self._insert('pictures', index, cells, picture.thumbnail, picture.keypoints)
         self._insert('images', index, picture.image)
         if picture.depths is not None:
             self._insert('depths', index, picture.depths)

@@ -12,7 +12,7 @@ from convseq_ros.core.encoding.descriptor import ENTROPY
 from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.geometry.displacement import Arranged, arranged
-from convseq_ros.core.geometry.verification import field, NOTHING, Verification, verify
+from convseq_ros.core.geometry.verification import field, motion, NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.feature_cache import FeatureCache, Threads, usable_cores
@@ -125,6 +125,13 @@ class Matcher:
         if query.arranged is None or reference is None:
             return np.zeros((0, 5))
         return field(query.arranged, reference, shift)
+
+    def motion(self, query: Features, index: int) -> npt.NDArray[np.float64] | None:
+        """Return the motion (2, 3) from a query to a reference; None without regions."""
+        shift, reference = self.shift(query, index), self.arranged(index)
+        if query.arranged is None or reference is None or shift is None:
+            return None
+        return motion(query.arranged, reference, shift)
 
     def verified(self, query: Features, indices: Sequence[int]) -> dict[int, Verification]:
         """Return the verification of a query with references, by index; empty without regions."""

@@ -133,6 +133,11 @@ class QueryBuffer:
             newest.verified.update(self._matcher.verified(newest.features, missing))
         return {index: newest.verified[index] for index in indices if index in newest.verified}
 
+    def motion(self, index: int) -> Values | None:
+        """Return the motion (2, 3) from the newest frame to a reference; None without regions."""
+        features = self.newest.features
+        return None if features is None else self._matcher.motion(features, index)
+
     @property
     def verified_step(self) -> Verification | None:
         """The verification of the newest frame with the one before; None without regions."""
