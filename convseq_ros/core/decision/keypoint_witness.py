@@ -1,0 +1,97 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The second witness: in how many blocks of the image keypoints agree with a place.
+
+Keypoints repeat in like light only. Whether map and drive are of like light is read from the mean
+brightness of both, on a coarse grid.
+"""
+
+from functools import lru_cache
+
+from convseq_ros.core.encoding.keypoints import agreeing_blocks, Keypoints
+from convseq_ros.core.map.image_coding import decode_jpeg
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import constants, Descriptor, Doubles, Frame, Gray
+import cv2
+import numpy as np
+
+_KEPT = 64  # places whose keypoints are cached; 20 MB
+_GROWTH = 1.25  # growth of the map after which its brightness is read again
+
+
+@constants
+class LIGHT:
+    """Like light. Measured: like .03 to .11, different (park, evening, night) .20 to .36."""
+
+    rows: int = 8  # of the grid
+    columns: int = 4
+    darkest: float = 4.0  # levels; darker pixels count as this bright
+    different: float = 0.15  # mean difference of logarithms from which on the light differs
+    places: int = 60  # of the map, evenly spread, that are read
+    frames: int = 100  # memory of the drive's mean
+
+
+def brightness(gray: Gray) -> Doubles:
+    """Return the logarithms of brightness (32,) of an image (H, W), on a grid of 8 x 4."""
+    size = LIGHT.columns, LIGHT.rows
+    small = cv2.resize(gray, size, interpolation=cv2.INTER_AREA).astype(np.float64)
+    return np.log(small.clip(LIGHT.darkest)).ravel()
+
+
+class KeypointWitness:
+    """Compares the newest frame with places of a map; `most` keypoints a frame, 0 for none."""
+
+    def __init__(self, reference_map: ReferenceMap, most: int) -> None:
+        self._map, self._most = reference_map, most
+        self._read = 0  # number of places when the map's brightness was read
+        self._of_map: Doubles | None = None
+
+        @lru_cache(_KEPT)
+        def of_place(index: int) -> Keypoints | None:
+            stored = reference_map.keypoints(index)
+            return None if stored is None else Keypoints.of_stored(stored)
+
+        self._of_place = of_place
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self._of_drive: Doubles | None = None
+        self._frames = 0
+
+    def keypoints(self, frame: Frame, descriptor: Descriptor) -> Keypoints | None:
+        """Return the keypoints of a frame; None if it has none, or none are to be used."""
+        stored = descriptor.keypoints
+        if stored is None and frame.gray is not None:
+            stored = self._map.detect(frame.gray, self._most)
+        return Keypoints.of_stored(stored) if self._most and stored is not None else None
+
+    def blocks(
+        self, query: Keypoints, place: int, motion: Doubles | None, side: int
+    ) -> int | None:
+        """Return `agreeing_blocks` of a query and a place; None if the map has no keypoints."""
+        known = self._of_place(place)
+        if known is None:
+            return None
+        return 0 if motion is None else agreeing_blocks(query, known, motion, side)
+
+    def is_like(self, frame: Frame, usable: int) -> bool:
+        """Take in a frame; return whether drive and map, as far as known, are of like light."""
+        if frame.gray is not None:
+            self._frames = min(self._frames + 1, LIGHT.frames)
+            new = brightness(frame.gray)
+            before = new if self._of_drive is None else self._of_drive
+            self._of_drive = before + (new - before) / self._frames
+        if usable > _GROWTH * self._read:
+            self._read, self._of_map = usable, self._mean(usable)
+        if self._of_drive is None or self._of_map is None:
+            return False
+        return float(abs(self._of_drive - self._of_map).mean()) < LIGHT.different
+
+    def _mean(self, usable: int) -> Doubles | None:
+        """Return the mean brightness (32,) of places' thumbnails; None without any."""
+        places = np.unique(np.linspace(0, usable - 1, LIGHT.places).astype(int))
+        images = [decode_jpeg(self._map.thumbnail(place)) for place in places.tolist()]
+        known = [brightness(image) for image in images if image is not None]
+        return np.mean(known, axis=0) if known else None
