@@ -18,6 +18,7 @@ from convseq_ros.core.decision.likelihood import (
     Asked,
     doubts,
     Evidence,
+    KEYPOINTS,
     Leads,
     Likelihood,
     strength_of,
@@ -53,7 +54,8 @@ class OBSERVED:
     asked: int = (
         3  # strongest places, apart, that keypoints are asked about, and the likeliest one
     )
-    sure: float = 0.99  # predicted mass at the strongest place with which keypoints are not asked
+    # Predicted mass at the strongest place with which keypoints are not asked, if cells agree.
+    sure: float = 0.99
 
 
 class Neighbourhood:
@@ -199,7 +201,7 @@ class Observer:
         leads = likelihood.leads(strengths, scores[at], is_rival)
         mass = float(belief.mass[self._near.beside(belief.places, best, OBSERVED.beside)].sum())
         asked, is_alike = {}, self._witness.is_like(query.frame, query.usable)
-        if mass < OBSERVED.sure:
+        if mass < OBSERVED.sure or leads.cells.max() < KEYPOINTS.surprising:
             asked = self._asked(query, belief, examined[np.argsort(-strengths, kind='stable')])
         spoken = {place: likelihood.keypoints(one, is_alike) for place, one in asked.items()}
         likelihood.learn_repeats(asked, is_alike)
