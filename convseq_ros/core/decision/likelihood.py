@@ -22,7 +22,7 @@ class CELLS:
     """
     The density ratio of the cells' leads, its logarithm linear in both; and their scales.
 
-    Chosen on corridor, laps and Gardens Point; `scripts/fit_observation.py` prints and draws a fit.
+    Chosen on corridor, laps and Gardens Point. scripts/fit_observation.py prints and draws a fit.
     """
 
     constant: float = -0.7  # without a lead
@@ -246,7 +246,7 @@ class Likelihood:
 
 def doubts(strengths: Doubles, is_current: Flags, step: Verification | None) -> Doubles:
     """
-    Return log ratios (n,), at most 0, against places of the running drive with too little strength.
+    Return log ratios (n,), at most 0, against weak places of the running drive.
 
     `step` is the verification of the last two frames of the drive, in the same light.
     """
