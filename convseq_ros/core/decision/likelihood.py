@@ -48,12 +48,12 @@ class KEYPOINTS:
     """
 
     slope: float = 1.1  # of the log ratio
-    neutral: float = 2.0  # lead without information
+    neutral: float = 2.6  # lead without information
     floor: float = 7.0  # blocks that a rival has at least: by chance, 95 % have fewer
     hypothesis: float = 0.5  # of the usual blocks: a rival with more is another hypothesis
     # Probability, at first, that keypoints repeat, by like and by other light. It is learned: a
     # lead that chance does not give raises it. Nothing lowers it, so false matches do not teach.
-    works_alike: float = 0.97
+    works_alike: float = 0.95
     works_otherwise: float = 0.2
     most: float = 0.995
     surprising: float = 3.0  # log ratio of a lead that chance does not give

@@ -54,8 +54,6 @@ class OBSERVED:
     asked: int = (
         3  # strongest places, apart, that keypoints are asked about, and the likeliest one
     )
-    # Predicted mass at the strongest place with which keypoints are not asked, if cells agree.
-    sure: float = 0.99
 
 
 class Neighbourhood:
@@ -201,7 +199,9 @@ class Observer:
         leads = likelihood.leads(strengths, scores[at], is_rival)
         mass = float(belief.mass[self._near.beside(belief.places, best, OBSERVED.beside)].sum())
         asked, is_alike = {}, self._witness.is_like(query.frame, query.usable)
-        if mass < OBSERVED.sure or leads.cells.max() < KEYPOINTS.surprising:
+        expected = self._near.beside(belief.places, best, LINKS.beside // 2)
+        is_sure = float(belief.mass[expected].sum()) >= query.config.acceptance.min_confidence
+        if not is_sure or leads.cells.max() < KEYPOINTS.surprising:
             asked = self._asked(query, belief, examined[np.argsort(-strengths, kind='stable')])
         spoken = {place: likelihood.keypoints(one, is_alike) for place, one in asked.items()}
         likelihood.learn_repeats(asked, is_alike)
