@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print a fit of the log likelihood ratio of an observation (`RATIO`).
+Print a fit of the log likelihood ratio of an observation (`CELLS`).
 
 Usage: python scripts/fit_observation.py [--data FOLDER], a few minutes. Each drawn drive is
 matched against the middle half of its map. With `--data`, the folder of the data sets, so is
@@ -18,7 +18,8 @@ from pathlib import Path
 
 from convseq_ros import build_map, Config, Frame, PlaceRecognizer
 from convseq_ros.config import make_config
-from convseq_ros.core.decision.observation import Observation, RATIO
+from convseq_ros.core.decision.likelihood import CELLS
+from convseq_ros.core.decision.observation import Observation
 from convseq_ros.evaluation.protocols import kept_halves
 from convseq_ros.sources.folder import ImageFolder
 from drawn_drives import drawn, Pair, PAIRS
@@ -149,7 +150,7 @@ def main() -> None:
     leads_of = {drive.name: np.array(list(leads(drive)), float).reshape(-1, 3) for drive in drives}
     every = [*leads_of.values()]
     rows, counts = np.concatenate(every), weights_of(every)
-    shipped, fitted = np.array([getattr(RATIO, name) for name in NAMES]), fit(rows, counts)
+    shipped, fitted = np.array([getattr(CELLS, name) for name in NAMES]), fit(rows, counts)
     print('             ', *NAMES)
     for name, weights in (('fitted', fitted), ('shipped', shipped), ('half', fitted / 2)):
         print(f'{name:14}', *(f'{one:.2f}' for one in weights))

@@ -169,7 +169,7 @@ class RobotConfig(Checked):
     )
     odometry_way_error: float = parameter(
         0.1, 'Largest error of odometry as a fraction of the distance travelled; a match that '
-        'contradicts odometry by more is implausible; 0 turns this check off.',
+        'contradicts odometry by more is implausible; 0 leaves odometry out.',
         low=0.0, high=10.0,
     )
     odometry_turn_error: float = 0.05  # in addition, as a fraction of the angle turned

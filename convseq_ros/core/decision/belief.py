@@ -78,6 +78,10 @@ class MotionModel:
             self._total_m, self._ways = self._total_m + abs(self._way_m), self._ways + 1
         self._pose = pose
 
+    def forget_pose(self) -> None:
+        """Forget the last pose: the way to the next one is unknown."""
+        self._pose = None
+
     def moved(self, places: Indices) -> tuple[Doubles, Doubles]:
         """
         Return where a robot at places (n,) is now, by velocity, and the sigmas: both (V, n).

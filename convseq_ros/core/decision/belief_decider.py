@@ -8,6 +8,7 @@ from convseq_ros.core.decision.decider import Answer, apart, candidate, Query
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import strength_of
 from convseq_ros.core.decision.observation import Neighbourhood, Observation, Observer
+from convseq_ros.core.decision.odometry_jump import OdometryJumps
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.decision.paper.diagonals import diagonal
 from convseq_ros.core.decision.paper.query_buffer import BUFFER
@@ -33,6 +34,7 @@ class BeliefDecider:
         both, error = matching.both_directions, robot.odometry_way_error
         self._map, self._coarse, self._near = reference_map, coarse, Neighbourhood(reference_map)
         self._belief = Belief(reference_map, MotionModel(reference_map, both, error))
+        self._jumps = OdometryJumps()
         self._prior = OdometryPrior(reference_map, robot, config.online.grows)
         witness = KeypointWitness(reference_map, config.keyframes.keypoints)
         self._observer = Observer(coarse, self._near, witness, matching.shortlist_length)
@@ -41,6 +43,7 @@ class BeliefDecider:
         self._belief.reset()
         self._observer.reset()
         self._prior.reset()
+        self._jumps.reset()
 
     def share(self, other: object) -> None:
         """Share the odometry prior with the decider of another camera of the robot."""
@@ -53,8 +56,12 @@ class BeliefDecider:
         self._coarse.update(query.buffer.newest.descriptor, query.usable)
         if query.missing > BUFFER.longest_gap:
             belief.reset()
-        belief.motion.move(frame.pose, query.missing, query.buffer.novelty)
-        self._prior.move(frame.stamp_ns, frame.pose)
+        pose = frame.pose if query.config.robot.odometry_way_error else None
+        if self._jumps.observe(frame.stamp_ns, pose):  # a jump is no way travelled
+            belief.motion.forget_pose()
+            self._prior.forget_poses()
+        belief.motion.move(pose, query.missing, query.buffer.novelty)
+        self._prior.move(frame.stamp_ns, pose)
         belief.predict(query.usable)
         seen = self._observer.observe(query, belief)
         entry = self._prior.shares(seen.places, query.session_start)

@@ -70,6 +70,12 @@ class OdometryPrior:
         self._way.fixes.clear()
         self._stamps, self._ways, self._turns = array('q'), array('d'), array('d')
 
+    def forget_poses(self) -> None:
+        """Forget matches and poses so far: odometry has jumped to other coordinates."""
+        self._way.last = None
+        self._way.fixes.clear()
+        self._stamps, self._ways, self._turns = array('q'), array('d'), array('d')
+
     def move(self, stamp_ns: int, pose: Pose | None) -> None:
         """Take in the odometry pose of the next keyframe, if there is one."""
         self._here = None if pose is None else matrix(pose)
@@ -131,9 +137,9 @@ class OdometryPrior:
 
     def _initial_fix(self, place: int) -> Fix | None:
         """Return the state without drift when a place of the running drive was recorded."""
-        if not self._stamps:
-            return None
         stamp_ns = self._map.places[place].stamp_ns
+        if not self._stamps or stamp_ns < self._stamps[0]:
+            return None
         at = min(bisect_left(self._stamps, stamp_ns), len(self._stamps) - 1)
         return Fix(np.eye(4), self._ways[at], self._turns[at])
 
