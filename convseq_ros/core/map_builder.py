@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Self
 
 from convseq_ros.config import Config, EVERY_FRAME, MotionConfig
+from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.gate.stamp_order import AnyOrder
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
+from convseq_ros.core.map.image_coding import decode_jpeg
 from convseq_ros.core.map.online import link, OnlineMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -171,7 +173,9 @@ def _frame_of(source: ReferenceMap, index: int) -> tuple[Frame, Descriptor]:
     camera = source.sessions[place.session].camera
     frame = Frame(place.stamp_ns, None, place.source, place.pose, camera=camera)
     descriptor = whole_descriptor(source.cells(index))
-    descriptor = replace(descriptor, keypoints=source.keypoints(index))
+    preview = decode_jpeg(source.thumbnail(index))
+    light = None if preview is None else brightness(preview)
+    descriptor = replace(descriptor, keypoints=source.keypoints(index), brightness=light)
     if source.encoding.descriptor_model:
         descriptor = replace(descriptor, vector=source.global_descriptors[index])
     return frame, descriptor

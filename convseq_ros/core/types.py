@@ -87,8 +87,9 @@ class Descriptor:
     cell_entropy: npt.NDArray[np.float64]  # (S, S), mean entropy in bits
     entropy: float  # mean entropy of the image as a share of 8 bits, in [0, 1]
     vector: npt.NDArray[np.float16] | None = None  # (n,), unit length, by a descriptor model
-    # (n, 34), as a map stores them, of a frame without an image.
+    # Of a frame without an image: keypoints (n, 34), as a map stores them, and brightness (32,).
     keypoints: npt.NDArray[np.uint8] | None = None
+    brightness: npt.NDArray[np.float64] | None = None
 
     @property
     def informative(self) -> bool:

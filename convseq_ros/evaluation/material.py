@@ -11,11 +11,14 @@ from pathlib import Path
 import time
 from typing import Any
 
-from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
+from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.encoding.brightness import brightness
+from convseq_ros.core.encoding.descriptor import blank_descriptor, describe, seen_cells
 from convseq_ros.core.encoding.first_stage import FirstStage, identity_of
+from convseq_ros.core.encoding.keypoints import detect
 from convseq_ros.core.encoding.view import upright
+from convseq_ros.core.map.image_coding import thumbnail
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import SourceError
@@ -85,6 +88,7 @@ class Drive:
     readable: Sequence[bool]  # whether the image could be decoded
     descriptors: Sequence[Descriptor]  # blank for an unreadable image
     encode_ms: float  # median time to describe an image
+    thumbnails: Sequence[bytes] = ()  # JPEG; empty for an unreadable image
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -105,9 +109,10 @@ class Drive:
     def reference_map(self) -> ReferenceMap:
         """The drive as a map without poses; unreadable frames become blank places."""
         reference_map = ReferenceMap(self.encoding, keyframes=EVERY_FRAME)
-        columns = self.stamps_ns, self.names, self.descriptors
-        for stamp_ns, name, descriptor in zip(*columns, strict=True):
-            reference_map.add_frame(Frame(stamp_ns, None, name), descriptor)
+        for index, descriptor in enumerate(self.descriptors):
+            frame = Frame(self.stamps_ns[index], None, self.names[index])
+            small = self.thumbnails[index] if self.thumbnails else b''
+            reference_map.add_frame(frame, descriptor, small=small)
         return reference_map
 
 
@@ -120,21 +125,30 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
         images = images.in_color if model.wants_color else images
         blank = replace(blank, vector=np.zeros(model.numbers, np.float16))
     first_stage = FirstStage(model, encoding)
+    kept = KeyframeConfig()
+    seen = seen_cells(encoding.image_mask, blank.cells.shape[0])
     stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
+    thumbnails: list[bytes] = []
     for raw in images:
         frame = upright(raw, encoding)
         started = time.perf_counter()
         if frame.gray is None:
             descriptors.append(blank)
         else:
-            descriptors.append(first_stage.add(frame, describe(frame.gray, encoding)))
+            descriptor = first_stage.add(frame, describe(frame.gray, encoding))
             durations.append((time.perf_counter() - started) * 1e3)
+            corners = detect(frame.gray, seen, kept.keypoints)
+            light = brightness(frame.gray)
+            descriptors.append(replace(descriptor, keypoints=corners, brightness=light))
+        gray = frame.gray
+        thumbnails.append(b'' if gray is None else thumbnail(gray, kept.thumbnail_width_px))
         stamps_ns.append(frame.stamp_ns)
         names.append(frame.source)
         readable.append(frame.gray is not None)
     if not durations:
         raise SourceError(f'{images.part}: none of its {len(names)} images can be read')
-    return Drive(encoding, stamps_ns, names, readable, descriptors, float(np.median(durations)))
+    encode_ms = float(np.median(durations))
+    return Drive(encoding, stamps_ns, names, readable, descriptors, encode_ms, thumbnails)
 
 
 def described(

@@ -41,7 +41,9 @@ def part_of(source: ReferenceMap, first: int, last: int) -> ReferenceMap:
     part = ReferenceMap(source.encoding, keyframes=source.keyframes, sessions=source.sessions)
     for index in range(first, last):
         vector = source.global_descriptors[index] if source.encoding.descriptor_model else None
-        part.add(source.places[index], source.packed(index), descriptor=vector)
+        (kept,) = source.pictures([index])
+        place, shown = source.places[index], (kept.packed, kept.thumbnail)
+        part.add(place, *shown, descriptor=vector, keypoints=kept.keypoints)
     carry_links([(source, index) for index in range(first, last)], part.links)
     return part
 

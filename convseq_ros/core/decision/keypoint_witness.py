@@ -9,11 +9,11 @@ brightness of both, on a coarse grid.
 
 from functools import lru_cache
 
+from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.keypoints import agreeing_blocks, Keypoints
 from convseq_ros.core.map.image_coding import decode_jpeg
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import constants, Descriptor, Doubles, Frame, Gray
-import cv2
+from convseq_ros.core.types import constants, Descriptor, Doubles, Frame
 import numpy as np
 
 _KEPT = 64  # places whose keypoints are cached; 20 MB
@@ -24,19 +24,9 @@ _GROWTH = 1.25  # growth of the map after which its brightness is read again
 class LIGHT:
     """Like light. Measured: like .03 to .11, different (park, evening, night) .20 to .36."""
 
-    rows: int = 8  # of the grid
-    columns: int = 4
-    darkest: float = 4.0  # levels; darker pixels count as this bright
     different: float = 0.15  # mean difference of logarithms from which on the light differs
     places: int = 60  # of the map, evenly spread, that are read
     frames: int = 100  # memory of the drive's mean
-
-
-def brightness(gray: Gray) -> Doubles:
-    """Return the logarithms of brightness (32,) of an image (H, W), on a grid of 8 x 4."""
-    size = LIGHT.columns, LIGHT.rows
-    small = cv2.resize(gray, size, interpolation=cv2.INTER_AREA).astype(np.float64)
-    return np.log(small.clip(LIGHT.darkest)).ravel()
 
 
 class KeypointWitness:
@@ -76,11 +66,13 @@ class KeypointWitness:
             return None
         return 0 if motion is None else agreeing_blocks(query, known, motion, side)
 
-    def is_like(self, frame: Frame, usable: int) -> bool:
+    def is_like(self, frame: Frame, descriptor: Descriptor, usable: int) -> bool:
         """Take in a frame; return whether drive and map, as far as known, are of like light."""
-        if frame.gray is not None:
-            self._frames = min(self._frames + 1, LIGHT.frames)
+        new = descriptor.brightness
+        if new is None and frame.gray is not None:
             new = brightness(frame.gray)
+        if new is not None:
+            self._frames = min(self._frames + 1, LIGHT.frames)
             before = new if self._of_drive is None else self._of_drive
             self._of_drive = before + (new - before) / self._frames
         if usable > _GROWTH * self._read:

@@ -198,7 +198,10 @@ class Observer:
         has_rivals = len(self._elsewhere(places, best)) >= OBSERVED.fewest and bool(is_rival.any())
         leads = likelihood.leads(strengths, scores[at], is_rival)
         mass = float(belief.mass[self._near.beside(belief.places, best, OBSERVED.beside)].sum())
-        asked, is_alike = {}, self._witness.is_like(query.frame, query.usable)
+        asked, is_alike = (
+            {},
+            self._witness.is_like(query.frame, buffer.newest.descriptor, query.usable),
+        )
         expected = self._near.beside(belief.places, best, LINKS.beside // 2)
         is_sure = float(belief.mass[expected].sum()) >= query.config.acceptance.min_confidence
         if not is_sure or leads.cells.max() < KEYPOINTS.surprising:

@@ -95,12 +95,18 @@ class ReferenceMap:
         thumbnail_width_px: int = 0,
         keep_images_px: int = 0,
         keypoints: int = 0,
+        small: bytes = b'',
     ) -> None:
-        """Append a place made from a frame and its descriptor, with at most so many keypoints."""
+        """
+        Append a place made from a frame and its descriptor, with at most so many keypoints.
+
+        `small` is the thumbnail of a frame without an image, whose keypoints its descriptor has.
+        """
         if not self.sessions:
             self.begin_session(frame.stamp_ns, frame.camera)
         place = Place(frame.stamp_ns, frame.source, frame.pose, len(self.sessions) - 1)
-        small, image, depths, corners = b'', None, None, b''
+        image, depths = None, None
+        corners = b'' if descriptor.keypoints is None else descriptor.keypoints.tobytes()
         if (gray := frame.gray) is not None:
             small, image = thumbnail(gray, thumbnail_width_px), encode_image(gray, keep_images_px)
             depths = packed_depths(frame.depth_m, gray.shape, self.cell_shape[0])
