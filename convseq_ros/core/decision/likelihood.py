@@ -178,9 +178,9 @@ class Likelihood:
         along = COPIES.along / (COPIES.along + (1 - COPIES.along) * min(1.0, seen.affirmed))
         chance = min(1.0, seen.follows * along + seen.chance)
         works, gain = self.cells_work, -math.log(chance) * seen.is_strongest
-        total = np.log(works * np.exp(np.minimum(seen.cells + gain, 50.0)) + 1 - works)
-        total += seen.keypoints
-        return np.asarray(total - np.log1p(COPIES.all * np.exp(np.minimum(total, 50.0))))
+        spoken = math.log(works) + seen.cells + gain
+        total = np.logaddexp(spoken, math.log(1 - works)) + seen.keypoints
+        return np.asarray(-np.logaddexp(-total, math.log(COPIES.all)))
 
     def leads(self, strengths: Doubles, scores: Doubles, is_rival: Flags) -> Leads:
         """
@@ -222,7 +222,7 @@ class Likelihood:
     def keypoints(self, answer: Asked, is_alike: bool) -> float:
         """Return the log ratio of a place by keypoints: silent as far as they do not repeat."""
         works = self._works(answer.is_current, is_alike)
-        return math.log(works * math.exp(min(answer.ratio, 50.0)) + 1 - works)
+        return float(np.logaddexp(math.log(works) + answer.ratio, math.log(1 - works)))
 
     def _works(self, is_current: bool, is_alike: bool) -> float:
         start = KEYPOINTS.works_alike if is_current or is_alike else KEYPOINTS.works_otherwise
