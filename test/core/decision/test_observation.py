@@ -2,9 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a frame says of places: by hand, and whatever it shows."""
 
-from convseq_ros.core.decision.likelihood import gumbel_scale, RATIO
+import math
+from types import SimpleNamespace
+
+from convseq_ros.core.decision.decider import Query
+from convseq_ros.core.decision.likelihood import Asked, COPIES
 from convseq_ros.core.decision.observation import Neighbourhood, Observer
 from convseq_ros.core.geometry.verification import Verification
+from convseq_ros.core.types import Frame
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -12,26 +17,30 @@ import pytest
 
 RIVALS = {50: 0.10, 60: 0.09, 70: 0.08, 80: 0.07, 90: 0.06}
 NONE = 10**9  # places from here on are of this drive: none
+SHOWN = {30: 100.0}  # strength of the place that the frame shows; that of others is 25
 
 
-class Frame:
+class Shown:
     """Stands in for a buffer: what pairs score, and how strongly they are verified."""
 
     def __init__(self, scores, strengths, step=None, usual=25.0):
         self.rows, self._strengths, self._usual = [np.array(scores, np.float32)], strengths, usual
-        self.verified_step = None if step is None else shown(step)
-        self.asked, self.scored, self.novelty = set(), (), 1.0
+        self.verified_step = None if step is None else verified(step)
+        self.novelty = 1.0
+        features = SimpleNamespace(arranged=SimpleNamespace(side=30))
+        self.newest = SimpleNamespace(descriptor=None, features=features)
 
     def score(self, count, places):
         assert count == 1
-        self.scored = (*self.scored, *places.tolist())
 
     def rough_scores(self, places):
         return self.rows[0][places]
 
     def verified(self, indices):
-        self.asked |= {*indices}
-        return {one: shown(self._strengths.get(one, self._usual)) for one in indices}
+        return {one: verified(self._strengths.get(one, self._usual)) for one in indices}
+
+    def motion(self, place):
+        return place
 
 
 class Listed:
@@ -50,8 +59,42 @@ class Listed:
         return np.array(there[: along + newest], np.int64)
 
 
-def shown(strength, upper=None):
-    return Verification(0, strength, strength / 2 if upper is None else upper)
+class Told:
+    """Stands in for keypoints: in how many blocks they agree with places; None has none."""
+
+    def __init__(self, blocks=None, is_alike=True):
+        self._blocks, self._is_alike, self.places = blocks, is_alike, []
+
+    def reset(self):
+        """Forget nothing."""
+
+    def is_like(self, frame, usable):
+        return self._is_alike
+
+    def keypoints(self, frame, descriptor):
+        return self._blocks
+
+    def blocks(self, query, place, motion, side):
+        assert motion == place and side == 30
+        self.places.append(place)
+        return query.get(place, 4)
+
+
+def believing(masses=None):
+    """Return a belief by the mass of each place."""
+    masses = masses or {}
+    ranked = sorted(masses, key=lambda place: -masses[place])
+    places = np.array(sorted(masses), np.int64)
+    return SimpleNamespace(
+        places=places,
+        mass=np.array([masses[place] for place in places.tolist()]),
+        elsewhere=1 - sum(masses.values()),
+        likeliest=lambda count: ranked[:count],
+    )
+
+
+def verified(strength):
+    return Verification(0, strength, strength / 2)
 
 
 def scored(best=30, score=0.104, count=100, **more):
@@ -63,61 +106,169 @@ def scored(best=30, score=0.104, count=100, **more):
 
 
 def looked(
-    reference_map, frame, predicted=(), start=NONE, listed=None, learned=None, believed=None
+    reference_map, buffer, masses=None, start=NONE, told=None, listed=None, usual=None, usable=None
 ):
     """Return an observation, and the log ratio of each place."""
-    count = len(frame.rows[0])
+    count = len(buffer.rows[0])
     coarse = Listed(range(count) if listed is None else listed, count)
-    observer = Observer(coarse, Neighbourhood(reference_map), 40)
-    for strength in learned or ():
-        observer.likelihood.learn(strength, False)
-    believed = np.array(sorted(predicted) if believed is None else believed, np.int64)
-    seen = observer.observe(frame, believed, predicted, start)
+    observer = Observer(coarse, Neighbourhood(reference_map), told or Told(), 40)
+    if usual:
+        observer.likelihood.confirm(True, usual)
+    query = Query(Frame(0, None), buffer, usable or count, start, None, None)
+    seen = observer.observe(query, believing(masses))
     return seen, dict(zip(seen.places.tolist(), seen.log_ratios.tolist(), strict=True))
+
+
+def ratio(reference_map, told=None, place=30, masses=None, **how):
+    """Return the log ratio of a place if the frame shows place 30."""
+    return looked(reference_map, Shown(scored(), SHOWN), masses, told=told, **how)[1][place]
+
+
+def test_the_place_that_is_shown_gains_and_the_others_lose(a_map):
+    seen, ratios = looked(a_map(100), Shown(scored(), SHOWN))
+    assert seen.has_rivals and seen.asked == {}
+    # A lead of 10 in twice the roots and of half a scale; it is within 2 places 1 in 20 times.
+    total = 0.86 * math.exp(-0.7 + 0.4 * 10 + 0.5 * 0.5) * 20 + 0.14
+    assert ratios[30] == pytest.approx(math.log(total / (1 + 0.0015 * total)))
+    # Places beside it are nearly as likely; they lose a quarter for each place.
+    by_two = 0.86 * math.exp(-0.7 + 0.4 * 10 + 0.5 * 0.5 - 2 * 0.25) * 20 + 0.14
+    assert ratios[28] == ratios[32] == pytest.approx(math.log(by_two / (1 + 0.0015 * by_two)))
+    rival = 0.86 * math.exp(-0.7) + 0.14  # the best one, which leads itself by nothing
+    assert ratios[50] == pytest.approx(math.log(rival / (1 + 0.0015 * rival)))
+    assert ratios[60] < ratios[50] < 0
+    assert ratios[5] == pytest.approx(math.log(0.14))  # not verified
+
+
+def test_the_strongest_place_of_a_large_map_lies_there_by_chance_less_often(a_map):
+    small, large = Shown(scored(), {30: 50.0}), Shown(scored(), {30: 50.0})
+    few = looked(a_map(100), small)[1]
+    many = looked(a_map(100), large, usable=400)[1]
+    assert few[30] + 1 < many[30] < few[30] + math.log(4)
+    assert few[50] == many[50]
+
+
+def test_a_place_that_the_belief_predicted_gains_less(a_map):
+    buffer = Shown(scored(), {30: 40.0})
+    new = looked(a_map(100), buffer)[1][30]
+    expected = looked(a_map(100), buffer, {29: 0.3, 60: 0.3})[1][30]
+    predicted = looked(a_map(100), buffer, {29: 0.6})[1][30]
+    assert new > expected + 1 > predicted + 1
+    assert looked(a_map(100), buffer, {60: 0.6})[1][30] == new  # somewhere else
+
+
+def test_keypoints_are_asked_about_the_strongest_places_apart_and_the_likeliest(a_map):
+    told = Told({30: 60})
+    buffer = Shown(scored(), {30: 100.0, 31: 90.0, 60: 80.0, 80: 70.0, 90: 60.0})
+    seen, _ = looked(a_map(100), buffer, {50: 0.2}, told=told)
+    assert told.places == [30, 60, 80, 50]
+    assert [*seen.asked] == told.places and seen.asked[30].root == 2 * 60**0.5
+    assert not any(one.is_current for one in seen.asked.values())
+    seen, _ = looked(a_map(100), buffer, {50: 0.2}, start=70, told=told)
+    assert [place for place, one in seen.asked.items() if one.is_current] == [80]
+
+
+def test_keypoints_are_not_asked_where_the_belief_is_sure_and_cells_agree(a_map):
+    def asked(masses, strength):
+        told = Told({})
+        looked(a_map(100), Shown(scored(), {30: strength}), masses, told=told)
+        return bool(told.places)
+
+    assert not asked({30: 0.991}, 100.0)
+    assert not asked({29: 0.5, 31: 0.491}, 100.0)
+    assert asked({30: 0.98}, 100.0) and asked({70: 0.991}, 100.0)
+    assert asked({30: 0.991}, 50.0)  # cells are not sure
+
+
+def test_keypoints_that_agree_speak_for_a_place_and_those_beside_it(a_map):
+    cells = ratio(a_map(100))
+    told = Told({30: 60})
+    assert ratio(a_map(100), told) > cells + 0.1  # next to the bound
+    weak = Shown(scored(), {30: 40.0})
+    cells = looked(a_map(100), weak)[1]
+    both = looked(a_map(100), weak, told=told)[1]
+    assert both[30] > cells[30] + 1.5 and both[32] > cells[32] + 1.5
+    assert both[50] < cells[50] - 3  # asked, and they deny it
+    assert both[90] == cells[90]  # not asked
+
+
+@pytest.mark.parametrize('place', [30, 28])
+def test_keypoints_deny_the_place_that_cells_show_only_where_they_repeat(a_map, place):
+    there = Told({30: 4, 60: 80})  # the strongest by keypoints is another
+    buffer = Shown(scored(), {30: 50.0, 60: 36.0, 50: 30.0})
+    cells = looked(a_map(100), buffer)[1]
+    alike = looked(a_map(100), buffer, told=there)[1]
+    assert cells[place] > 2 > 0 > alike[place] and alike[60] > cells[60] + 3
+    # By other light, few of them repeat, so their silence says nothing.
+    dark = looked(a_map(100), buffer, told=Told({}, is_alike=False))[1]
+    assert cells[place] - 0.3 < dark[place] < cells[place]
+    # In the running drive, light is the same.
+    ours = looked(a_map(100), buffer, start=0, told=Told({}, is_alike=False))[1]
+    assert ours[place] < dark[place] - 2
+
+
+def test_a_place_without_keypoints_is_judged_by_cells(a_map):
+    seen, ratios = looked(a_map(100), Shown(scored(), SHOWN), told=Told({30: None, 50: None}))
+    assert [*seen.asked] == [60]
+    assert ratios[30] == ratio(a_map(100)) and ratios[50] == ratio(a_map(100), place=50)
+
+
+def test_two_places_with_as_many_keypoints_as_matches_have_do_not_speak_against_each_other(a_map):
+    told, usual = Told({30: 60, 60: 64}), Asked(2 * 60**0.5, 0.0, False)
+    buffer = Shown(scored(), {30: 50.0, 60: 36.0})
+    before = looked(a_map(100), buffer, told=told)[1]
+    after = looked(a_map(100), buffer, told=told, usual=usual)[1]
+    assert before[30] + 2 < after[30] and before[60] < after[60]
+
+
+def test_frames_that_keypoints_recognise_teach_that_they_repeat(a_map):
+    observer = Observer(
+        Listed(range(100), 100), Neighbourhood(a_map(100)), Told({30: 60}, is_alike=False), 40
+    )
+    buffer = Shown(scored(), {30: 40.0})
+    query = Query(Frame(0, None), buffer, 100, NONE, None, None)
+    denied = Asked(4.0, -40.0, False)
+    assert observer.likelihood.keypoints(denied, False) == pytest.approx(math.log(0.8))
+    observer.observe(query, believing())
+    assert observer.likelihood.keypoints(denied, False) == pytest.approx(math.log(0.72))
+    observer.reset()
+    assert observer.likelihood.keypoints(denied, False) == pytest.approx(math.log(0.8))
 
 
 def test_looks_are_no_rivals(a_map):
     whole = a_map(50, 50)
-    frame = Frame(scored(), {30: 100.0, 80: 100.0})
-    assert looked(whole, frame)[1][30] < 0  # the other one is shown as well
+    buffer = Shown(scored(), {30: 100.0, 80: 100.0})
+    # Either may be the strongest, and leads nothing; the chance of 1 in 20 still counts.
+    before = looked(whole, buffer)[1][30]
     whole.links.add(80, 30)
-    _, ratios = looked(whole, Frame(scored(), {30: 100.0, 80: 100.0}))
-    assert ratios[30] > 0
+    assert looked(whole, buffer)[1][30] > before + 2
 
 
 @pytest.mark.parametrize('count', [1, 3, 12, 16])
 def test_without_enough_other_places_nothing_speaks_for_one(a_map, count):
     scores = np.full(count, 0.05)
     scores[0] = 0.5
-    seen, ratios = looked(a_map(count), Frame(scores, {0: 900.0}))
+    told = Told({0: 200})
+    seen, ratios = looked(a_map(count), Shown(scores, {0: 900.0}), {0: 0.5}, told=told)
     assert not seen.has_rivals and max(ratios.values()) <= 0
 
 
 def test_a_frame_without_scores_says_nothing(a_map):
-    seen, ratios = looked(a_map(30), Frame(np.full(30, np.nan), {}), [3])
+    seen, ratios = looked(a_map(30), Shown(np.full(30, np.nan), {}), {3: 0.5})
     assert ratios == {3: 0.0} and not seen.has_rivals
 
 
 def test_a_place_of_this_drive_is_compared_with_the_frame_before(a_map):
-    def ratio(step, start):
-        return looked(a_map(100), Frame(scored(), {30: 100.0}, step), start=start)[1][30]
+    def of(step, start):
+        return looked(a_map(100), Shown(scored(), SHOWN, step), start=start)[1][30]
 
-    assert ratio(600.0, 0) < 0 < ratio(150.0, 0)
-    assert ratio(600.0, NONE) == ratio(600.0, 31) == ratio(150.0, 0)
-
-
-def test_as_strong_as_matches_are_is_another_hypothesis_and_no_control(a_map):
-    # Two places are shown as matches of this drive are: neither is a reason against the other.
-    strengths = {30: 420.0, 60: 400.0}
-    before = looked(a_map(100), Frame(scored(), strengths))[1]
-    ratios = looked(a_map(100), Frame(scored(), strengths), learned=[400.0])[1]
-    assert before[60] < 0 <= ratios[60] and ratios[30] > before[30] + 1
-    weaker = looked(a_map(100), Frame(scored(), {30: 420.0, 60: 200.0}), learned=[400.0])[1]
-    assert weaker[60] < -1
+    assert of(600.0, 0) == -2 < 0 < of(150.0, 0)
+    assert of(600.0, NONE) == of(600.0, 31) == of(150.0, 0)
+    doubt = 2.5 * math.log(100 / (0.6 * 200))  # nothing speaks for a doubted place
+    assert of(200.0, 30) == pytest.approx(doubt)
 
 
 def test_an_image_that_shows_the_same_again_speaks_for_no_place_again(a_map):
-    new, again = Frame(scored(), {30: 100.0}), Frame(scored(), {30: 100.0})
+    new, again = Shown(scored(), SHOWN), Shown(scored(), SHOWN)
     again.novelty = 0.0
     first, second = (looked(a_map(100), frame)[1] for frame in (new, again))
     assert first[30] > 1 and second[30] == 0
@@ -132,27 +283,23 @@ def test_an_image_that_shows_the_same_again_speaks_for_no_place_again(a_map):
     st.sampled_from([0.0, 1.0, 1e4]),
     st.one_of(st.none(), st.floats(0, 1e4)),
     st.integers(0, 60),
+    st.booleans(),
 )
 def test_whatever_is_shown_ratios_are_finite_and_in_bounds(
-    a_map, count, seed, spread, most, step, start
+    a_map, count, seed, spread, most, step, start, is_alike
 ):
     rng = np.random.default_rng(seed)
     scores = rng.normal(0, spread, count)
     scores[rng.random(count) < 0.2] = np.nan
     strengths = dict(enumerate(rng.uniform(0, most, count).tolist()))
-    predicted = rng.permutation(count)[:6].tolist()
+    believed = rng.permutation(count)[: count // 2].tolist()
+    masses = dict(zip(believed, rng.dirichlet(np.ones(len(believed))).tolist(), strict=True))
+    told = Told(dict(enumerate(rng.integers(0, 257, count).tolist())), is_alike)
     listed = np.sort(rng.permutation(count)[:40])
-    frame, believed = Frame(scores, strengths, step), np.flatnonzero(rng.random(count) < 0.5)
-    believed = np.union1d(believed, predicted)
-    seen, _ = looked(a_map(count), frame, predicted, start, listed, [50.0, 1e4], believed)
-    assert {*believed.tolist()} <= {*seen.places.tolist()}
+    usual = Asked(10.0, 0.0, False)
+    buffer = Shown(scores, strengths, step)
+    seen, _ = looked(a_map(count), buffer, masses, start, told, listed, usual)
+    assert {*believed} <= {*seen.places.tolist()}
     assert (np.diff(seen.places) > 0).all() and np.isfinite(seen.log_ratios).all()
-    assert (seen.log_ratios >= 2 * RATIO.least).all() and (seen.log_ratios <= RATIO.most).all()
+    assert (seen.log_ratios <= -math.log(COPIES.all)).all()
     assert seen.has_rivals or (seen.log_ratios <= 0).all()
-
-
-@pytest.mark.parametrize('true', [0.1, 3.0])
-def test_a_scale_is_that_of_what_the_best_were_drawn_from(true):
-    rng = np.random.default_rng(0)
-    found = [gumbel_scale(np.sort(rng.gumbel(5.0, true, 200))[-5:]) for _ in range(3000)]
-    assert np.mean(found) == pytest.approx(true, rel=0.1)
