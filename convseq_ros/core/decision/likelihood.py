@@ -130,7 +130,7 @@ class Asked:
 class Evidence:
     """What a frame shows of verified places, and how far the belief expected it."""
 
-    cells: Doubles  # (n,), of each place or a neighbour, from `Leads.cells`
+    cells: Doubles  # (n,), log ratios of `Leads.cells`
     keypoints: Doubles  # (n,), log ratios of `Likelihood.keypoints`; 0 where not asked
     is_strongest: Flags  # (n,), which places lie at the strongest one
     follows: float  # share of the belief's places, in [0, 1], that predicted the strongest one

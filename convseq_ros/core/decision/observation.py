@@ -208,21 +208,22 @@ class Observer:
             asked = self._asked(query, belief, examined[np.argsort(-strengths, kind='stable')])
         spoken = {place: likelihood.keypoints(one, is_alike) for place, one in asked.items()}
         likelihood.learn_repeats(asked, is_alike)
-        # A single frame does not distinguish a place from its neighbours.
         heard = np.array([*spoken], np.int64)
         by_keypoints = self._near.best_beside(
             examined, heard, np.array([*spoken.values()]), OBSERVED.beside
         )
-        reach, loss = OBSERVED.beside, OBSERVED.loss
         evidence = Evidence(
-            self._near.best_beside(examined, examined, leads.cells, reach, loss),
+            leads.cells,
             np.where(np.isfinite(by_keypoints), by_keypoints, 0.0),
             self._near.beside(examined, best, OBSERVED.beside) & has_rivals,
             mass / (1 - belief.elsewhere) if belief.elsewhere < 1 else 0.0,
             min(1.0, (2 * OBSERVED.beside + 1) / query.usable),
             math.exp(spoken.get(best, 0.0)),
         )
-        log_ratios[at] = likelihood.log_ratios(evidence)
+        # A single frame hardly distinguishes a place from its neighbours.
+        log_ratios[at] = self._near.best_beside(
+            examined, examined, likelihood.log_ratios(evidence), OBSERVED.beside, OBSERVED.loss
+        )
         if not has_rivals:  # no place is likelier than elsewhere
             log_ratios = np.minimum(log_ratios, 0.0)
         step = buffer.verified_step if is_current.any() else None

@@ -30,7 +30,7 @@ class Shown:
         features = SimpleNamespace(arranged=SimpleNamespace(side=30))
         self.newest = SimpleNamespace(descriptor=None, features=features)
 
-    def score(self, count, places):
+    def score(self, count, _places):
         assert count == 1
 
     def rough_scores(self, places):
@@ -68,10 +68,10 @@ class Told:
     def reset(self):
         """Forget nothing."""
 
-    def is_like(self, frame, usable):
+    def is_like(self, _frame, _usable):
         return self._is_alike
 
-    def keypoints(self, frame, descriptor):
+    def keypoints(self, _frame, _descriptor):
         return self._blocks
 
     def blocks(self, query, place, motion, side):
@@ -130,9 +130,10 @@ def test_the_place_that_is_shown_gains_and_the_others_lose(a_map):
     # A lead of 10 in twice the roots and of half a scale; it is within 2 places 1 in 20 times.
     total = 0.86 * math.exp(-0.7 + 0.4 * 10 + 0.5 * 0.5) * 20 + 0.14
     assert ratios[30] == pytest.approx(math.log(total / (1 + 0.0015 * total)))
-    # Places beside it are nearly as likely; they lose a quarter for each place.
-    by_two = 0.86 * math.exp(-0.7 + 0.4 * 10 + 0.5 * 0.5 - 2 * 0.25) * 20 + 0.14
-    assert ratios[28] == ratios[32] == pytest.approx(math.log(by_two / (1 + 0.0015 * by_two)))
+    # Places beside it are nearly as likely: they lose a quarter for each place.
+    assert [ratios[place] - ratios[30] for place in (28, 29, 31, 32)] == pytest.approx(
+        [-0.5, -0.25, -0.25, -0.5]
+    )
     rival = 0.86 * math.exp(-0.7) + 0.14  # the best one, which leads itself by nothing
     assert ratios[50] == pytest.approx(math.log(rival / (1 + 0.0015 * rival)))
     assert ratios[60] < ratios[50] < 0
