@@ -1,0 +1,329 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Keypoints: what is detected, what a map keeps of it, and in how many blocks images agree."""
+
+from dataclasses import replace
+import sqlite3
+
+from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config, with_values
+from convseq_ros.core.decision.keypoint_witness import brightness, KeypointWitness
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.keypoints import agreeing_blocks, detect, Keypoints, matched, NONE
+from convseq_ros.core.map.edit import joined, slices_of, write_new
+from convseq_ros.core.map.format import row_crc
+from convseq_ros.core.map.reader import MapReader, open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map_builder import build_map
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Frame
+import cv2
+import numpy as np
+from pictures import scene, walls
+import pytest
+
+SIDE = 30  # regions of an image across and down; a region is three cells wide
+ALL = np.ones((4, 4), bool)
+STAYS = np.zeros((2, 3))  # the motion of the cells between an image and itself
+SMALL = EncodingConfig(image_size_px=128)
+OWN = make_config({'image_size_px': 128, 'keyframe_overlap': 1.0})
+
+
+def drawn(number, size=(320, 240)):
+    """Return a grey picture with corners everywhere, unlike those of other numbers."""
+    noise = np.random.default_rng(number).integers(0, 256, (size[1] // 8, size[0] // 8), np.uint8)
+    return cv2.resize(noise, size, interpolation=cv2.INTER_CUBIC)
+
+
+def keypoints(gray, seen=ALL, most=300):
+    return Keypoints.of_stored(detect(gray, seen, most))
+
+
+def by_hand(*bits, shares=None):
+    """Return keypoints by the first few bits of their descriptors."""
+    whole = np.zeros((len(bits), 256), np.float32) - 1
+    for row, ones in enumerate(bits):
+        whole[row, list(ones)] = 1
+    return Keypoints(np.full((len(bits), 2), 0.5) if shares is None else shares, whole)
+
+
+@pytest.mark.parametrize(
+    'gray',
+    [
+        np.zeros((240, 320), np.uint8),
+        np.full((240, 320), 255, np.uint8),
+        np.zeros((1, 1), np.uint8),
+        drawn(1)[:1],
+        drawn(1)[:, :1],
+        drawn(1, (8000, 640))[:400],  # of 320 x 16 px there is only border
+    ],
+)
+def test_where_there_is_nothing_to_see_there_are_none(gray):
+    found = detect(gray, ALL, 300)
+    assert found.shape == (0, 34) and found.dtype == np.uint8
+
+
+@pytest.mark.parametrize('size', [(32, 24), (64, 64), (48, 64), (640, 480), (8000, 2000)])
+def test_images_of_any_size_have_keypoints_everywhere(size):
+    gray = cv2.resize(drawn(2), size, interpolation=cv2.INTER_AREA)
+    found = detect(gray, ALL, 300)
+    assert 20 < len(found) <= 300
+    assert np.ptp(found[:, 0]) > 128 and np.ptp(found[:, 1]) > 64  # of 256
+
+
+def test_at_most_so_many_the_strongest_and_none_if_none_are_asked_for():
+    many, few = detect(drawn(3), ALL, 300), detect(drawn(3), ALL, 50)
+    assert (len(many), len(few)) == (300, 50)
+    assert {*map(bytes, few)} <= {*map(bytes, detect(drawn(3), ALL, 1000))}
+    assert not len(detect(drawn(3), ALL, 0))
+    assert np.array_equal(detect(drawn(3), ALL, 300), many)  # the same again
+
+
+def test_nothing_is_detected_where_a_mask_hides_the_image():
+    seen = ALL.copy()
+    seen[2:] = False  # the lower half
+    found = keypoints(drawn(4), seen)
+    assert len(found.shares) > 100 and found.shares[:, 1].max() < 0.52
+    assert keypoints(drawn(4)).shares[:, 1].max() > 0.8
+
+
+def test_a_keypoint_is_stored_in_34_bytes():
+    gray = np.full((240, 320), 40, np.uint8)
+    gray[96:120, 160:200] = 200  # its corners are at 160 / 320 and 96 / 240, and so on
+    stored = detect(gray, ALL, 300)
+    assert stored.shape[1] == 34 and len(stored.tobytes()) == 34 * len(stored)
+    back = Keypoints.of_stored(stored)
+    corners = np.array([[160, 96], [200, 96], [160, 120], [200, 120]]) / (320, 240)
+    off = abs(back.shares[:, None] - corners).max(axis=2).min(axis=1)
+    assert len(stored) >= 4 and off.max() < 0.05
+    assert {*np.unique(back.bits)} == {-1, 1}
+    assert np.array_equal(np.packbits(back.bits > 0, axis=1), stored[:, 2:])
+    assert (0 < back.shares).all() and (back.shares < 1).all()
+    one = Keypoints.of_stored(np.array([[0, 255, *range(32)]], np.uint8))
+    assert one.shares.tolist() == [[0.5 / 256, 255.5 / 256]]
+
+
+def test_matches_are_mutual_and_clear():
+    first = by_hand(range(40), range(100, 140), range(200, 240))
+    assert matched(first, first).tolist() == [[0, 0], [1, 1], [2, 2]]
+    other = by_hand(range(100, 138), range(50, 90), range(36))
+    assert matched(first, other).tolist() == [[0, 2], [1, 0]]
+    # Two alike: the second best is nearly as near as the best.
+    assert matched(first, by_hand(range(4, 40), range(35))).tolist() == [[0, 0]]
+    assert matched(first, by_hand(range(30), range(10, 40), range(200, 240))).tolist() == [[2, 2]]
+    # Two of the query are nearest to one place; it is nearest to the first.
+    twice = by_hand(range(40), range(39), range(100, 140))
+    assert matched(twice, by_hand(range(40), range(100, 140))).tolist() == [[0, 0], [2, 1]]
+
+
+@pytest.mark.parametrize('count', [0, 1])
+def test_fewer_than_two_keypoints_match_nothing(count):
+    few, many = by_hand(*[range(40)] * count), by_hand(range(40), range(100, 140))
+    assert matched(few, many).shape == matched(many, few).shape == (0, 2)
+    assert agreeing_blocks(few, many, STAYS, SIDE) == 0
+
+
+def test_an_image_agrees_with_itself_everywhere_and_with_another_nowhere():
+    one, other = keypoints(drawn(5)), keypoints(drawn(6))
+    itself = agreeing_blocks(one, one, STAYS, SIDE)
+    assert itself > 60 and agreeing_blocks(one, other, STAYS, SIDE) < 7
+    assert agreeing_blocks(one, keypoints(drawn(5) // 2 + 30), STAYS, SIDE) > 0.6 * itself
+
+
+@pytest.mark.parametrize(('down', 'across'), [(0, 3), (4, 0), (-3, 2)])
+def test_keypoints_must_move_as_the_cells_did(down, across):
+    """A cell of the image is 10 px across and 7.5 px down."""
+    wide = drawn(7, (480, 360))
+    rows, columns = round(60 - 7.5 * down), 80 - 10 * across
+    one = keypoints(wide[60:300, 80:400])
+    moved = keypoints(wide[rows : rows + 240, columns : columns + 320])
+    motion = np.array([[down, 0, 0], [across, 0, 0]], float)
+    agreed = agreeing_blocks(one, moved, motion, SIDE)
+    assert agreed > 60
+    assert agreeing_blocks(one, moved, STAYS, SIDE) < agreed / 8
+    assert agreeing_blocks(one, moved, -motion, SIDE) < agreed / 8
+
+
+def test_a_motion_may_grow_from_the_middle():
+    """By hand: at a quarter of the image beside its middle, a motion of 8 cells a side."""
+    spread = [range(start, start + 20) for start in range(0, 240, 60)]
+    here = np.array([[0.25, 0.5], [0.75, 0.5], [0.5, 0.25], [0.5, 0.75]])
+    grows = np.array(
+        [[0.0, 8.0, 0.0], [0.0, 0.0, 8.0]]
+    )  # down with the row, across with the column
+    by = 8 / SIDE  # of the distance from the middle, as 30 regions and two more cells are a side
+    there = 0.5 + (here - 0.5) * (1 + by)
+    one, other = by_hand(*spread, shares=here), by_hand(*spread, shares=there)
+    assert agreeing_blocks(one, other, grows, SIDE) == 4
+    assert agreeing_blocks(one, other, grows[::-1], SIDE) == 0  # each would move the other way
+
+
+def test_a_single_object_counts_few_blocks():
+    one, other = drawn(8), drawn(9)
+    one[100:140, 100:160] = other[100:140, 100:160] = drawn(10)[100:140, 100:160]
+    first, second = keypoints(one, most=1000), keypoints(other, most=1000)
+    assert 1 <= agreeing_blocks(first, second, STAYS, SIDE) <= 4 * 4  # of 20 x 15 px
+    in_a_block = by_hand(range(20), range(60, 80), shares=np.array([[0.51, 0.51], [0.55, 0.55]]))
+    assert agreeing_blocks(in_a_block, in_a_block, STAYS, SIDE) == 1
+
+
+def frames(count, light=1.0):
+    """Return frames of places that have nothing in common, darker by a factor."""
+    pictures = [(one * light).astype(np.uint8) for one in walls(count)]
+    return [Frame(number * 10**8, one) for number, one in enumerate(pictures)]
+
+
+@pytest.fixture(scope='module')
+def walled():
+    return build_map(frames(12), None, OWN)
+
+
+@pytest.fixture
+def saved(path):
+    build_map(frames(12), path, OWN)
+    return path
+
+
+def changed(path, change):
+    """Change the row of place 9 with a function of its cells, thumbnail and keypoints."""
+    with sqlite3.connect(path) as database:
+        query = 'SELECT cells, thumbnail, keypoints FROM pictures WHERE reference_index = 9'
+        row = (9, *change(*database.execute(query).fetchone()))
+        database.execute('DELETE FROM pictures WHERE reference_index = 9')
+        database.execute('INSERT INTO pictures VALUES (?, ?, ?, ?, ?)', (*row, row_crc(row)))
+    database.close()
+    return open_map(path)
+
+
+def test_a_map_keeps_the_keypoints_of_each_place(walled, saved, tmp_path):
+    merged = tmp_path / 'merged.db'
+    write_new(joined(slices_of(saved)), merged)
+    for file in (saved, merged):
+        opened, about = open_map(file), MapReader(file).about()
+        kept = [opened.keypoints(index) for index in range(12)]
+        for index, one in enumerate(walls(12)):
+            assert np.array_equal(kept[index], detect(one, ALL, 300))
+            assert np.array_equal(kept[index], walled.keypoints(index))
+        assert about['keypoints'] == 12
+        assert about['keypoint_bytes'] == 34 * sum(map(len, kept)) > 34 * 12 * 100
+
+
+def test_masked_parts_of_places_have_no_keypoints():
+    seen = np.ones((30, 30), bool)
+    seen[15:] = False
+    mask = f'#{np.packbits(seen).tobytes().hex()}'
+    masked = build_map(frames(1), None, with_values(OWN, {'image_mask': mask}))
+    found = masked.keypoints(0)
+    assert len(found) > 50 and found[:, 1].max() < 0.52 * 256
+
+
+@pytest.mark.parametrize(
+    ('kept', 'said'), [(b'', None), (b'x' * 35, 'reference 9'), (b'x' * 33, 'reference 9')]
+)
+def test_a_place_whose_keypoints_are_lost_has_none_and_its_cells_remain(walled, saved, kept, said):
+    opened = changed(saved, lambda cells, thumbnail, _: (cells, thumbnail, kept))
+    witness = KeypointWitness(opened, 300)
+    query = Keypoints.of_stored(walled.keypoints(9))
+    assert opened.keypoints(9) is None and witness.blocks(query, 9, STAYS, SIDE) is None
+    assert bool(opened.unreadable) == bool(said)
+    assert (said or '') in opened.unreadable_why
+    assert np.array_equal(opened.cells(9), walled.cells(9))
+    assert np.array_equal(opened.keypoints(8), walled.keypoints(8))
+
+
+def test_a_row_that_fails_its_checksum_has_no_keypoints(saved):
+    with sqlite3.connect(saved) as database:
+        database.execute("UPDATE pictures SET keypoints = x'00' WHERE reference_index = 9")
+    database.close()
+    opened = open_map(saved)
+    assert opened.keypoints(9) is None and opened.keypoints(8) is not None
+    assert opened.unreadable == 1 and 'reference 9 fails its checksum' in opened.unreadable_why
+
+
+def test_blank_keypoints_agree_with_nothing(walled):
+    dark = ReferenceMap(SMALL)
+    dark.add_frame(
+        Frame(0, np.zeros((120, 160), np.uint8)), describe(walls(1)[0], SMALL), 0, 0, 300
+    )
+    assert dark.keypoints(0) is None  # none were seen: cells judge
+    query = Keypoints.of_stored(walled.keypoints(3))
+    blank = Keypoints.of_stored(NONE)
+    assert agreeing_blocks(query, blank, STAYS, SIDE) == 0
+    assert agreeing_blocks(blank, query, STAYS, SIDE) == 0
+
+
+def test_the_witness_counts_the_blocks_of_a_frame_and_a_place(walled):
+    witness, frame = KeypointWitness(walled, 300), frames(12)[3]
+    query = witness.keypoints(frame, describe(frame.gray, SMALL))
+    assert witness.blocks(query, 3, STAYS, SIDE) > 30 > 7 > witness.blocks(query, 4, STAYS, SIDE)
+    assert witness.blocks(query, 3, None, SIDE) == 0  # the cells found no motion
+    # A frame of a map that is linked has no image, but the keypoints of its place.
+    stored = replace(describe(frame.gray, SMALL), keypoints=walled.keypoints(3))
+    without = Frame(0, None)
+    again = witness.keypoints(without, stored)
+    assert np.array_equal(again.shares, query.shares) and np.array_equal(again.bits, query.bits)
+    assert witness.keypoints(without, describe(frame.gray, SMALL)) is None
+    none = KeypointWitness(walled, 0)
+    assert none.keypoints(frame, stored) is None
+
+
+def test_a_brightness_is_of_a_coarse_grid():
+    gray = np.zeros((120, 160), np.uint8)
+    gray[:, :20] = 100
+    assert np.exp(brightness(gray)).tolist() == pytest.approx(([100] + [4] * 7) * 4)
+    assert np.array_equal(brightness(gray), brightness(cv2.resize(gray, (320, 240))))
+    assert brightness(gray[:1, :1]).shape == (32,)
+
+
+@pytest.mark.parametrize(('light', 'is_like'), [(1.0, True), (0.93, True), (0.6, False)])
+def test_map_and_drive_are_of_like_light_if_they_are_about_as_bright(walled, light, is_like):
+    witness = KeypointWitness(walled, 300)
+    assert [witness.is_like(one, 12) for one in frames(12, light)] == [is_like] * 12
+
+
+def test_the_light_of_a_drive_is_its_mean_and_a_reset_forgets_it(walled):
+    witness = KeypointWitness(walled, 300)
+    (dark,), (light,) = frames(1, 0.5), frames(1)
+    assert not witness.is_like(dark, 12)
+    assert not witness.is_like(light, 12)  # the mean of the drive
+    witness.reset()
+    assert witness.is_like(light, 12)
+    assert witness.is_like(Frame(1, None), 12)  # an unreadable frame changes nothing
+
+
+def test_without_thumbnails_or_images_the_light_is_unknown(walled):
+    bare = build_map(
+        frames(3), None, replace(OWN, keyframes=replace(EVERY_FRAME, thumbnail_width_px=0))
+    )
+    assert not KeypointWitness(bare, 300).is_like(frames(1)[0], 3)
+    assert not KeypointWitness(walled, 300).is_like(Frame(0, None), 12)
+
+
+def test_a_map_that_grows_is_looked_at_again():
+    grown = ReferenceMap(SMALL)
+    dim, light = frames(2, 0.5), frames(12)
+    witness, seen = KeypointWitness(grown, 300), describe(walls(1)[0], SMALL)
+    for frame in dim:
+        grown.add_frame(frame, seen, 64)
+    assert not witness.is_like(light[0], 2)
+    for frame in light:
+        grown.add_frame(frame, seen, 64)
+    assert witness.is_like(light[0], 14)
+
+
+def answers(values):
+    config = with_values(OWN, values)
+    known = build_map(frames(40), None, config)
+    recognizer = PlaceRecognizer(known, config)
+    return known, [recognizer.process(one) for one in frames(30)[10:]]
+
+
+def test_without_keypoints_cells_decide_alone_and_nothing_else_changes():
+    known, matches = answers({})
+    without, others = answers({'keypoints': 0})
+    assert known.keypoints(0) is not None and not without.unreadable
+    assert [without.keypoints(index) for index in range(40)] == [None] * 40
+    for index in (0, 39):
+        (one,), (other,) = known.pictures([index]), without.pictures([index])
+        assert np.array_equal(one.packed, other.packed) and one.thumbnail == other.thumbnail
+    for one, other in zip(matches[3:], others[3:], strict=True):
+        assert one.accepted.reference_index == other.accepted.reference_index
