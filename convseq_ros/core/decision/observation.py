@@ -209,12 +209,15 @@ class Observer:
         spoken = {place: likelihood.keypoints(one, is_alike) for place, one in asked.items()}
         likelihood.learn_repeats(asked, is_alike)
         heard = np.array([*spoken], np.int64)
-        by_keypoints = self._near.best_beside(
+        near = self._near.best_beside(
             examined, heard, np.array([*spoken.values()]), OBSERVED.beside
         )
+        # Keypoints that deny a place deny those beside it, too.
+        denied = np.where(np.isfinite(near), np.minimum(near, 0.0), 0.0).tolist()
+        said = [spoken.get(*both) for both in zip(order, denied, strict=True)]
         evidence = Evidence(
             leads.cells,
-            np.where(np.isfinite(by_keypoints), by_keypoints, 0.0),
+            np.array(said),
             self._near.beside(examined, best, OBSERVED.beside) & has_rivals,
             mass / (1 - belief.elsewhere) if belief.elsewhere < 1 else 0.0,
             min(1.0, (2 * OBSERVED.beside + 1) / query.usable),

@@ -188,6 +188,7 @@ def test_keypoints_that_agree_speak_for_a_place_and_those_beside_it(a_map):
     cells = looked(a_map(100), weak)[1]
     both = looked(a_map(100), weak, told=told)[1]
     assert both[30] > cells[30] + 1.5 and both[32] > cells[32] + 1.5
+    assert both[32] == pytest.approx(both[30] - 0.5)  # which were not asked about
     assert both[50] < cells[50] - 3  # asked, and they deny it
     assert both[90] == cells[90]  # not asked
 
