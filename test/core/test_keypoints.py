@@ -18,7 +18,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame
 import cv2
 import numpy as np
-from pictures import scene, walls
+from pictures import walls
 import pytest
 
 SIDE = 30  # regions of an image across and down; a region is three cells wide
@@ -208,8 +208,8 @@ def test_a_map_keeps_the_keypoints_of_each_place(walled, saved, tmp_path):
 
 
 def test_masked_parts_of_places_have_no_keypoints():
-    seen = np.ones((30, 30), bool)
-    seen[15:] = False
+    seen = np.ones((8, 8), bool)
+    seen[4:] = False
     mask = f'#{np.packbits(seen).tobytes().hex()}'
     masked = build_map(frames(1), None, with_values(OWN, {'image_mask': mask}))
     found = masked.keypoints(0)
@@ -269,7 +269,7 @@ def test_the_witness_counts_the_blocks_of_a_frame_and_a_place(walled):
 def test_a_brightness_is_of_a_coarse_grid():
     gray = np.zeros((120, 160), np.uint8)
     gray[:, :20] = 100
-    assert np.exp(brightness(gray)).tolist() == pytest.approx(([100] + [4] * 7) * 4)
+    assert np.exp(brightness(gray)).tolist() == pytest.approx(([50] + [4] * 3) * 8)
     assert np.array_equal(brightness(gray), brightness(cv2.resize(gray, (320, 240))))
     assert brightness(gray[:1, :1]).shape == (32,)
 
