@@ -66,7 +66,6 @@ class Alignment:
     baseline_m: float = math.inf  # between the images that gave the depths
     # (k, 3), positions of these images from the reference's lens.
     neighbours: Doubles = field(default_factory=lambda: np.zeros((0, 3)))
-    first_share: float | None = None  # `share` before guided search, if there was one
 
 
 def align(
