@@ -21,7 +21,7 @@ from convseq_ros.core.map.edit import joined, slices_of, unlink, without, write_
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.result_row import COLUMNS, row
-from convseq_ros.core.types import Match, Reason, Status
+from convseq_ros.core.types import Match, Reason
 from convseq_ros.errors import MapError
 from convseq_ros.io.results import read_results, ResultWriter
 
@@ -175,7 +175,7 @@ def _rows(path: Path, commits: list[int]) -> None:
 
 def _write(table: ResultWriter, count: int, acknowledged: Acknowledged | None = None) -> None:
     for index in range(count):
-        table.write(row(Match(index, index, Status.SKIPPED, Reason.RECENT), 1.0))
+        table.write(row(Match(index, index, Reason.RECENT), 1.0))
         if acknowledged:
             acknowledged.value = index + 1
 

@@ -60,11 +60,14 @@ class MapBuilder:
         else:
             self._autosave = NoAutosave(ReferenceMap(encoding, keyframes=keyframes))
         self.reference_map = self._autosave.reference_map
-        recognizer = PlaceRecognizer(self.reference_map, config, describe=describe)
-        recognizer.order = AnyOrder()  # all frames are one session, whatever their stamps
-        recognizer.mapping = OnlineMap(self.reference_map, config, name, frame)
-        recognizer.only_maps = not (links and encoding.keeps_cells)
-        self._recognizer = recognizer
+        self._recognizer = PlaceRecognizer(
+            self.reference_map,
+            config,
+            describe=describe,
+            mapping=OnlineMap(self.reference_map, config, name, frame),
+            order=AnyOrder(),  # all frames are one session, whatever their stamps
+            links=links and encoding.keeps_cells,
+        )
 
     @property
     def added(self) -> int:
@@ -129,8 +132,8 @@ def link_map(
     driven = _as_driven(unlinked)
     online = replace(config.online, mode='online')
     config = replace(config, encoding=driven.encoding, motion=_NEVER_STILL, online=online)
-    recognizer, mapping = PlaceRecognizer(driven, config), _DrivenMap(driven, config)
-    recognizer.order, recognizer.mapping = AnyOrder(), mapping
+    mapping = _DrivenMap(driven, config)
+    recognizer = PlaceRecognizer(driven, config, mapping=mapping, order=AnyOrder())
     for session in sessions:
         recognizer.reset()
         mapping.begin(session.start)

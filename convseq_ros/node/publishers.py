@@ -12,7 +12,6 @@ from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match
-from convseq_ros.evaluation.match_picture import match_picture
 from convseq_ros.fleet.cluster import Cluster
 from convseq_ros.fleet.link import FleetLink
 from convseq_ros.node.conversions import (
@@ -25,6 +24,7 @@ from convseq_ros.node.conversions import (
     pose_message,
 )
 from convseq_ros.node.map_topics import MapTopics, MatchMarkers
+from convseq_ros.node.match_picture import match_picture
 from convseq_ros.node.topics import advertise
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped

@@ -216,3 +216,9 @@ class FollowedMap(PreloadedMap):
     def usable(self, stamp_ns: int, pose: Pose | None) -> int:
         self.session_start = self._leader.session_start
         return self._leader.usable(stamp_ns, pose)
+
+
+def mapping_of(reference_map: ReferenceMap, config: Config) -> PreloadedMap:
+    """Return how a map is used in the mode of a configuration."""
+    grows = config.online.grows
+    return OnlineMap(reference_map, config) if grows else PreloadedMap(reference_map)
