@@ -121,7 +121,7 @@ def start_by_points(structure: Structure, sight: Sight) -> Matrix | None:
     return None
 
 
-def unshrunk(found: Alignment, along: Doubles | None) -> Alignment:
+def correct_parallax_loss(found: Alignment, along: Doubles | None) -> Alignment:
     """
     Return a motion with a corrected part across the map's way, and the turn that compensates it.
 

@@ -32,7 +32,7 @@ class FIELD:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Arranged:
+class PackedRegions:
     """The regions of an image as bytes in the layout of the kernels; equal to itself only."""
 
     # (side, 8, wide), aligned to a cache line: each word holds four bytes of a region; rows are
@@ -52,7 +52,7 @@ class Arranged:
         return words.view(np.int8).reshape(self.side**2, -1) * np.float32(1 / FIELD.scale)
 
 
-def arranged(regions: Regions) -> Arranged:
+def arranged(regions: Regions) -> PackedRegions:
     """Return regions (side ** 2, 32), of at most unit length, for the kernels; NaN becomes 0."""
     side = isqrt(len(regions))
     wide = -(-side // _SPREAD) * _SPREAD
@@ -61,7 +61,7 @@ def arranged(regions: Regions) -> Arranged:
     first = border + -address(room) % 64 // 4
     rows = room[first : first + count].reshape(side, _WORDS, wide)
     kernels_of(__package__).arrange(regions, rows)
-    return Arranged(rows)
+    return PackedRegions(rows)
 
 
 def weights() -> Floats:
@@ -71,7 +71,7 @@ def weights() -> Floats:
     return np.asarray(window / window.sum(), np.float32)
 
 
-def found_in(regions: Arranged, other: Arranged, start: tuple[int, int]) -> Points:
+def found_in(regions: PackedRegions, other: PackedRegions, start: tuple[int, int]) -> Points:
     """
     Return where regions lie in another image, rows and columns (n, 2); NaN if not found.
 

@@ -14,8 +14,8 @@ from functools import cached_property, lru_cache
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.regions import REGION
-from convseq_ros.core.geometry.alignment import align, Alignment, two_view, unshrunk
-from convseq_ros.core.geometry.displacement import Arranged, found_in
+from convseq_ros.core.geometry.alignment import align, Alignment, correct_parallax_loss, two_view
+from convseq_ros.core.geometry.displacement import found_in, PackedRegions
 from convseq_ros.core.geometry.structure import (
     DEPTH,
     is_usable,
@@ -41,7 +41,7 @@ _KEPT = 64  # places whose measured depths are cached
 class CellView(LensView):
     """An image by its camera and its regions."""
 
-    regions: Arranged
+    regions: PackedRegions
 
     @property
     def scale(self) -> Doubles:
@@ -167,7 +167,7 @@ class RelativePoses:
         neighbours = np.array([inverse(moved)[:3, 3] for _, moved in around])
         baseline_m = float(np.linalg.norm(neighbours[0]))
         result = replace(result, baseline_m=baseline_m, neighbours=neighbours)
-        return unshrunk(result, neighbours[0] / baseline_m)
+        return correct_parallax_loss(result, neighbours[0] / baseline_m)
 
     def _knows_depth(self, index: int, reference: CellView) -> bool:
         return self._depths(index) is not None or bool(self._neighbours(index, reference))
@@ -203,4 +203,4 @@ def _aligned_by_depth(
     # The search is repeated around the first result.
     again = reference.sight(query, first.moved)
     second = align(structure, again)
-    return second and unshrunk(replace(second, baseline_m=WAYS.apart_m), None)
+    return second and correct_parallax_loss(replace(second, baseline_m=WAYS.apart_m), None)
