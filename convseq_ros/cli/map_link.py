@@ -84,7 +84,7 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
             f'{chosen.map}: no link is measured in metres; that needs a map built with --odom '
             'and --camera-info'
         )
-    after = optimise(edges, start)
+    after = optimise(edges, start).poses
     if chosen.picture:
         draw_solved(chosen.picture, linked, poses, after)
         print(f'{chosen.picture}: drawn', file=sys.stderr)

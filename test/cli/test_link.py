@@ -118,7 +118,7 @@ def test_a_session_lies_where_most_links_say(wrong):
     poses, session = posed(whole)
     edges = [*edges_of(poses, session, links)]
     start = align_sessions(poses, session, edges)
-    found = optimise(edges, start)
+    found = optimise(edges, start).poses
     for at in range(20):
         assert np.allclose(found[20 + at][:3, 3], (at, 1.0, 0.0), atol=0.05)
 

@@ -55,7 +55,7 @@ class Setup:
             self.ros_is_up,
         )
 
-    def publish(self, frame, match, recognizer, _):
+    def publish(self, frame, match, recognizer, *_times):
         self.published.append((frame, match, len(recognizer.reference_map)))
 
     def handle(self, message, number):
