@@ -113,7 +113,7 @@ setup(
         ],
         # `make torture`; where there is no wheel, decoders are not fuzzed
         'torture': ["atheris>=3; platform_machine == 'x86_64' and python_version < '3.15'"],
-        'docs': ['mkdocs-material>=9.5', 'mkdocstrings[python]>=0.26'],
+        'docs': ['mkdocs-material>=9.5', 'mkdocstrings[python]>=0.26', 'ruff>=0.6'],
         'dev': [
             'bandit>=1.7',
             'catkin_pkg',

@@ -14,10 +14,11 @@ import sys
 from convseq_ros.cli.build_map import link_parameters
 from convseq_ros.cli.map_picture import draw_solved
 from convseq_ros.cli.options import map_progress, progress
-from convseq_ros.config import make_config
+from convseq_ros.config import EncodingConfig, KeyframeConfig, make_config
 from convseq_ros.config.parameter import add_parameters, given
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.database import BESIDE
 from convseq_ros.core.map.edit import joined, refuse_existing, SessionSlice, slices_of, write_new
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -53,13 +54,20 @@ def run(chosen: argparse.Namespace) -> None:
     if chosen.output:
         refuse_existing(chosen.output)
     config = make_config(given(chosen, link_parameters()))
-    opened = open_map(chosen.map)
-    if count := sum(map(len, not_linked(opened))):
-        with closing(Autosave(chosen.map, opened.encoding, opened.keyframes, True)) as kept:
+    count, encoding, keyframes = _lacking(chosen.map)
+    beside = [chosen.map.with_name(chosen.map.name + end) for end in BESIDE]
+    if count or any(file.exists() for file in beside):  # a killed one leaves its log
+        with closing(Autosave(chosen.map, encoding, keyframes, True)) as kept:
             linking = link_map(kept.reference_map, config)
             for _ in progress(linking, count, chosen.map.name, 'places'):
                 kept.save()
     make_outputs(chosen, open_map(chosen.map))
+
+
+def _lacking(path: Path) -> tuple[int, EncodingConfig, KeyframeConfig]:
+    """Return how many places are not linked yet, and the map's settings; the map is closed."""
+    opened = open_map(path)
+    return sum(map(len, not_linked(opened))), opened.encoding, opened.keyframes
 
 
 def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:

@@ -100,7 +100,35 @@ def build_map(
     links: bool = True,
     describe: Describe | None = None,
 ) -> ReferenceMap:
-    """Build a map from frames in order, as `MapBuilder` does, in a new file or in memory."""
+    """
+    Build a map from frames in order, in a new file or in memory.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        One drive, in order; frames without an image are left out.
+    path : str or Path, optional
+        File to make; without it the map is in memory.
+    config : Config
+        Decides which frames become places, and how they are encoded.
+    links : bool
+        Whether each place is looked up among the earlier ones, and linked to those that it shows.
+    describe : Describe, optional
+        Descriptor model of the map, from an image to a vector; none for the built-in one.
+
+    Returns
+    -------
+    ReferenceMap
+        The map, as `PlaceRecognizer` takes it.
+
+    Raises
+    ------
+    MapError
+        If the file exists already, cannot be written, or the disk is full.
+    ModelError
+        If the model fails on an image.
+
+    """
     file = Path(path) if path else None
     with MapBuilder(file, config, links=links, describe=describe) as builder:
         for frame in frames:

@@ -2,15 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """`convseq map link` and `unlink`: drives find each other and their own way, and part again."""
 
+from contextlib import closing
 from dataclasses import replace
 import json
 import math
+import shutil
 
 from convseq_ros.cli import main
 from convseq_ros.cli.map_picture import laid_out
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map import edit
+from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.edit import unlink
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Place
@@ -323,3 +326,17 @@ def test_a_layout_keeps_distances_along_a_drive_and_brings_looks_together(path):
     unlink(path)
     apart = laid_out(open_map(path))  # three drives that share nothing lie side by side
     assert len({tuple(point.round(3)) for point in apart.values()}) == 3 * ROUND
+
+
+def test_what_a_killed_link_left_is_taken_in_by_the_next(driven, tmp_path, capsys):
+    path, killed = driven[0], tmp_path / 'killed.db'
+    opened = open_map(path)
+    grown = tmp_path / 'grown.db'
+    shutil.copy(path, grown)
+    with closing(Autosave(grown, opened.encoding, opened.keyframes, True)):
+        for end in ('', '-wal', '-shm'):  # all that is there when it is killed now
+            shutil.copy(f'{grown}{end}', f'{killed}{end}')
+    assert killed.with_name('killed.db-wal').exists()
+    assert main(['map', 'link', str(killed), '--json']) == 0
+    assert [one.name for one in tmp_path.iterdir() if 'killed' in one.name] == ['killed.db']
+    assert [*open_map(killed).links] == [*opened.links]
