@@ -29,6 +29,7 @@ from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.edges import edges_of, Poses
 from convseq_ros.pose_graph.g2o import g2o
+from convseq_ros.pose_graph.graph_file import write_tum
 from convseq_ros.pose_graph.optimisation import optimise
 
 
@@ -46,6 +47,8 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
     help_ = 'write a map whose poses are in one frame'
     add('-o', '--output', type=Path, metavar='MAP', help=help_)
     add('--picture', type=Path, metavar='FILE', help='draw the drives before and after')
+    help_ = 'write the trajectory in one frame, in the format of TUM, as evo reads'
+    add('--tum', type=Path, metavar='FILE', help=help_)
     add('--json', action='store_true', help='print the links as JSON')
 
 
@@ -84,7 +87,7 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
     if chosen.g2o:
         with complete_or_absent(chosen.g2o) as file:
             file.write_text(''.join(f'{line}\n' for line in g2o(poses, edges)), encoding='utf-8')
-    if not (chosen.output or chosen.picture):
+    if not (chosen.output or chosen.picture or chosen.tum):
         return
     start = align_sessions(poses, session, edges)
     if not start:
@@ -93,6 +96,9 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
             'and --camera-info'
         )
     after = optimise(edges, start).poses
+    if chosen.tum:
+        stamped = ((linked.places[at].stamp_ns, pose_of(pose)) for at, pose in after.items())
+        write_tum(chosen.tum, stamped)
     if chosen.picture:
         draw_solved(chosen.picture, linked, poses, after)
         print(f'{chosen.picture}: drawn', file=sys.stderr)

@@ -152,6 +152,14 @@ def _squared(rows: Matrix) -> Matrix:
     return result
 
 
+def write_tum(path: Path, stamped: Iterable[tuple[int, Pose]]) -> None:
+    """Write stamped poses in the order of time, in one step."""
+    ordered = sorted(stamped, key=lambda one: one[0])
+    lines = tum([stamp_ns for stamp_ns, _ in ordered], [pose for _, pose in ordered])
+    with complete_or_absent(path) as part:
+        part.write_text(''.join(f'{line}\n' for line in lines), encoding='utf-8')
+
+
 def tum(stamps_ns: Sequence[int], poses: Iterable[Matrix | Pose]) -> Iterator[str]:
     """Yield the lines of a trajectory: seconds, position in metres, quaternion x y z w."""
     for stamp_ns, pose in zip(stamps_ns, poses, strict=True):

@@ -63,8 +63,8 @@ def test_two_drives_are_linked_brought_together_and_drawn(driven, tmp_path, caps
     pytest.importorskip('gtsam')
     pytest.importorskip('matplotlib')
     path, truth = driven
-    files = [tmp_path / name for name in ('graph.g2o', 'one.db', 'drives.png')]
-    options = zip(('--g2o', '-o', '--picture'), map(str, files), strict=True)
+    files = [tmp_path / name for name in ('graph.g2o', 'one.db', 'drives.png', 'tum.txt')]
+    options = zip(('--g2o', '-o', '--picture', '--tum'), map(str, files), strict=True)
     asked = (one for pair in options for one in pair)
     assert main(['map', 'link', str(path), *asked, '--json']) == 0
     links = json.loads(capsys.readouterr().out)
@@ -87,6 +87,9 @@ def test_two_drives_are_linked_brought_together_and_drawn(driven, tmp_path, caps
     measured = sum(link['position_m'] is not None for link in links)
     assert sum(line.startswith('EDGE') for line in lines) == 2 * (PLACES - 1) + measured
     assert files[2].stat().st_size > 10_000
+    rows = [line.split() for line in files[3].read_text().splitlines()]
+    stamps = sorted(place.stamp_ns for place in opened.places)
+    assert [int(row[0].replace('.', '')) for row in rows] == stamps
 
 
 def made(count, wrong=0):
