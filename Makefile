@@ -1,6 +1,6 @@
 # make demo              from a fresh clone to a picture
 # make test               all that CI runs
-# make demo-slam          loop closures into a pose graph, and what false ones cost
+# make demo-slam          odometry, loop closures and false ones into a pose graph, live
 # make results [DATA=folder-of-data-sets] [SETS='corridor own.yaml']   measure, write docs/RESULTS.md
 # make bench              measure speed, write docs/PERFORMANCE.md and docs/performance.json
 # make coverage          which lines the tests reach, in htmlcov/
@@ -54,7 +54,7 @@ demo: .venv/demo.stamp
 	.venv/bin/convseq demo
 
 demo-slam: .venv/slam.stamp
-	.venv/bin/python examples/pose_graph/demo.py $(if $(PICTURE),--picture '$(PICTURE)')
+	.venv/bin/convseq demo --slam --output demo-slam
 
 results: .venv/bench.stamp
 	.venv/bin/python docs/make_results.py $(SETS) $(if $(DATA),--data-root '$(DATA)')

@@ -77,7 +77,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', sorted(glob('config/*'))),
         (f'share/{NAME}/launch', sorted(glob('launch/*.launch.py'))),
-        (f'lib/{NAME}', ['scripts/vpr_node']),
+        (f'lib/{NAME}', ['scripts/vpr_node', 'scripts/pose_graph_node']),
         *([] if IS_WHEEL else [('bin', ['scripts/convseq'])]),
     ],
     # The lowest versions are those of Ubuntu 24.04. colcon installs none of these: with apt's
@@ -98,9 +98,10 @@ setup(
         'evaluation': ['matplotlib>=3.6', 'scikit-image>=0.22'],  # plots, and the method hog
         'onnx': ['onnxruntime'],
         'fleet': ['distributed>=2026.1'],  # convseq fleet
-        'slam': ['gtsam>=4.3'],  # examples/pose_graph
+        'slam': ['gtsam>=4.3'],  # pose_graph_node, convseq map link
         'test': [
             'distributed>=2026.1',
+            "evo>=1.30; python_version >= '3.11'",
             'hypothesis>=6.98',
             'onnx',
             'onnxruntime',
@@ -112,7 +113,7 @@ setup(
         ],
         # `make torture`; where there is no wheel, decoders are not fuzzed
         'torture': ["atheris>=3; platform_machine == 'x86_64' and python_version < '3.15'"],
-        'docs': ['mkdocs-material>=9.5', 'mkdocstrings[python]>=0.26'],
+        'docs': ['mkdocs-material>=9.5', 'mkdocstrings[python]>=0.26', 'ruff>=0.6'],
         'dev': [
             'bandit>=1.7',
             'catkin_pkg',
@@ -131,6 +132,7 @@ setup(
         'console_scripts': [
             f'convseq = {NAME}.cli.__main__:main',
             f'vpr_node = {NAME}.node.__main__:main',
+            f'pose_graph_node = {NAME}.node.__main__:pose_graph_main',
         ]
     },
 )

@@ -90,7 +90,8 @@ def _layout(namespace: str) -> str:
     if not (prefix := namespace.strip('/')):
         return str(layout)
     with tempfile.NamedTemporaryFile('w', suffix='.rviz', delete=False) as copy:
-        copy.write(layout.read_text().replace('/vpr_node', f'/{prefix}/vpr_node'))
+        text = layout.read_text().replace('/vpr_node', f'/{prefix}/vpr_node')
+        copy.write(text.replace('/pose_graph_node', f'/{prefix}/pose_graph_node'))
     return copy.name
 
 

@@ -3,11 +3,8 @@
 """Parameters: bounds, names, and everything that is derived from them."""
 
 from pathlib import Path
-import re
 
-from convseq_ros.cli import main
 from convseq_ros.cli.config import all_parameters, markdown, yaml
-from convseq_ros.cli.options import read_parameter_file
 from convseq_ros.config import (
     Config,
     EncodingConfig,
@@ -16,9 +13,7 @@ from convseq_ros.config import (
     SequenceConfig,
     with_values,
 )
-from convseq_ros.config.parameter import RETIRED
 from convseq_ros.errors import ConfigError
-from convseq_ros.evaluation.methods import make_method, parse_method
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -51,7 +46,6 @@ def test_flat_values_round_trip():
         ('fixed_length', True, 'expected int, got True'),
         ('min_confidence', 'high', "expected float, got 'high'"),
         ('image_size_px', 500, 'multiple of 16'),
-        ('acceptance_rule', 'track', "'track' is gone: set belief instead, or leave it out"),
         ('acceptance_rule', 'sum', "'sum' is not one of auto, belief, margin"),
     ],
 )
@@ -68,31 +62,3 @@ def test_the_shipped_parameter_file_is_what_the_code_says():
 def test_the_page_of_parameters_lists_them_as_the_code_does():
     page = REPOSITORY / 'docs' / 'PARAMETERS.md'
     assert page.read_text(encoding='utf-8') == markdown(all_parameters()) + '\n'
-
-
-@pytest.mark.parametrize(('name', 'instead'), RETIRED.items())
-def test_a_parameter_that_is_gone_is_refused_with_what_to_set_instead(name, instead, tmp_path):
-    assert name not in {item.name for item in all_parameters()}
-    told = re.escape(f"parameter '{name}' is gone: {instead}")
-    with pytest.raises(ConfigError, match=told):
-        make_config({name: True})
-    with pytest.raises(ConfigError, match=told):
-        make_method(parse_method(f'convseq+{name}=true'), make_config({}))
-    path = tmp_path / 'old.yaml'
-    path.write_text(f'/**:\n  ros__parameters:\n    {name}: 2\n')
-    with pytest.raises(ConfigError, match=told):
-        read_parameter_file(path)
-
-
-@pytest.mark.parametrize('name', RETIRED)
-@pytest.mark.parametrize('form', ['--{} 2', '--{}=2'])
-def test_an_option_that_is_gone_is_refused_with_what_to_set_instead(name, form, capsys):
-    written = form.format(name.replace('_', '-')).split()
-    assert main(['replay', 'drive', '--map', 'map.db', *written]) == 1
-    told = capsys.readouterr().err
-    assert told == f"convseq replay: parameter '{name}' is gone: {RETIRED[name]}\n"
-
-
-def test_a_folder_may_have_the_name_of_a_parameter_that_is_gone(capsys):
-    assert main(['info', 'verification']) == 1
-    assert 'is gone' not in capsys.readouterr().err

@@ -11,7 +11,6 @@ from convseq_ros.core.types import (
     Match,
     Reason,
     RelativePose,
-    Status,
 )
 from convseq_ros.errors import SourceError
 from convseq_ros.io.regular_file import complete_or_absent
@@ -25,12 +24,12 @@ SURE = RelativePose(
 )
 BEST = Candidate(4, 4000, 0.91234567, (0.5, -2.0), 231)
 ACCEPTED = Match(
-    3, 3000, Status.ACCEPTED, Reason.ACCEPTED, (BEST,), 7, 100, 0.8, (7.5, -40.0), 0.08,
+    3, 3000, Reason.ACCEPTED, (BEST,), 7, 100, 0.8, (7.5, -40.0), 0.08,
     SURE, localization=Localization(LocalizationState.LOCALISED, 0.8, 4), camera='/rear/image',
     anchor=Anchor('monday', 1000),
 )  # fmt: skip
-REJECTED = Match(4, 3100, Status.REJECTED, Reason.AMBIGUOUS, (BEST,), 7, 100)
-SKIPPED = Match(5, 3200, Status.SKIPPED, Reason.UNINFORMATIVE)
+REJECTED = Match(4, 3100, Reason.AMBIGUOUS, (BEST,), 7, 100)
+SKIPPED = Match(5, 3200, Reason.UNINFORMATIVE)
 
 
 def test_rows_round_trip(tmp_path):

@@ -19,8 +19,8 @@ ABOUT = (
     'log flips (of ten tries nine), or 512 bytes of it are zeros; it is read, and added to'
 )
 ORACLE = (
-    'it is refused with one line within 5 s, or has all that was committed; zeros that a power '
-    'cut leaves too, with at most one whole commit after them, cost what follows them'
+    'it is refused with one line within 5 s, or has all that was committed; what a power cut may '
+    'leave too, damage with at most one whole commit after it, costs what follows it'
 )
 COUNT, PORTION, SHORT, SEED = 2_000, 500, 30, 16
 _PLACES, _SECTOR = 8, 512
@@ -43,7 +43,7 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
         allowed, safe = {counts[-1]}, sum(end <= position for end in ends)
         marks = [end - _FRAME for end in ends[safe:]]
         left = [at for at in marks if not position - _MARK < at < position + _SECTOR]
-        if not is_flip and len(left) <= 1:
+        if len(left) <= 1:
             allowed.add(counts[safe])
         _clear(folder)
         path.write_bytes(content)

@@ -12,7 +12,6 @@ import sys
 from convseq_ros import __version__
 from convseq_ros.cli.streams import discard, OUTPUT
 from convseq_ros.config.arguments import Parser
-from convseq_ros.config.parameter import refuse_retired
 from convseq_ros.errors import ConfigError, ConvseqError, printable
 from convseq_ros.node.process import hand_over, interrupt, use_one_thread
 
@@ -35,9 +34,6 @@ COMMANDS = {
 # Commands that are ROS nodes, and parse their arguments themselves.
 NODES = {'play': 'convseq_ros.node.player'}
 
-# Commands of earlier versions that are verbs of `map` now.
-MOVED = ('link', 'merge', 'split', 'remove', 'rename')
-
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run a sub-command; return 0 for success, 1 after an error in one line, 2 for wrong usage."""
@@ -48,15 +44,12 @@ def main(args: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('--version', action='version', version=__version__)
-    parser.add_argument('command', choices=[*COMMANDS, *MOVED], metavar='command')
+    parser.add_argument('command', choices=COMMANDS, metavar='command')
     parser.add_argument('arguments', nargs=argparse.REMAINDER)
     if not (sys.argv[1:] if args is None else args):
         parser.print_help(sys.stderr)
         return 2
     chosen = parser.parse_args(args)
-    if chosen.command in MOVED:
-        print(f'convseq {chosen.command}: is now: convseq map {chosen.command}', file=sys.stderr)
-        return 1
     name = 'processes' if chosen.command in NODES else chosen.command.replace('-', '_')
     command = importlib.import_module(f'convseq_ros.cli.{name}')
     hand_over(interrupt)
@@ -64,8 +57,6 @@ def main(args: Sequence[str] | None = None) -> int:
         prog=f'convseq {chosen.command}', description=COMMANDS[chosen.command].capitalize() + '.'
     )
     try:
-        for option in (word for word in chosen.arguments if word.startswith('--')):
-            refuse_retired(option.partition('=')[0].removeprefix('--').replace('-', '_'))
         if chosen.command in NODES:
             command.become_node(NODES[chosen.command], chosen.arguments)
         command.describe(subparser)

@@ -10,6 +10,7 @@ import textwrap
 from convseq_ros.config import core_parameters
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import Parameter, parameters
+from convseq_ros.config.pose_graph_config import PoseGraphConfig
 
 _PAGE = """\
 # Parameters
@@ -21,8 +22,15 @@ error. Those marked * may change while the node runs. `build-map` takes those of
 motion, `image_size_px`, `image_mask`, `image_rotation_deg`, `camera_to_base`, `max_image_mpx` and
 `max_file_mb`.
 
+"""
+_TABLE = """\
 | parameter | default | unit | allowed | meaning |
 |---|---|---|---|---|
+"""
+_GRAPH = """
+
+## pose_graph_node
+
 """
 
 
@@ -58,6 +66,12 @@ def yaml(declared: Iterable[Parameter]) -> str:
 
 
 def markdown(declared: Iterable[Parameter]) -> str:
+    """Return the page: the parameters of vpr_node, then those of pose_graph_node."""
+    graph = _table(parameters(PoseGraphConfig))
+    return _PAGE + _table(declared) + _GRAPH + graph
+
+
+def _table(declared: Iterable[Parameter]) -> str:
     lines = []
     for item in declared:
         allowed = item.bounds.replace('|', 'or')
@@ -66,4 +80,4 @@ def markdown(declared: Iterable[Parameter]) -> str:
             f'| `{item.name}`{live} | `{json.dumps(item.default)}` | {item.unit} | {allowed} '
             f'| {item.doc} |'
         )
-    return _PAGE + '\n'.join(lines)
+    return _TABLE + '\n'.join(lines)

@@ -10,6 +10,7 @@ import statistics
 import sys
 
 from convseq_ros.cli.build_map import build
+from convseq_ros.cli.demo_slam import run_slam
 from convseq_ros.cli.processes import CAMERA_INFO, ODOM, recognise_live
 from convseq_ros.cli.replay import opened, replay
 from convseq_ros.config import Config
@@ -36,6 +37,8 @@ _CAPTION = 'A drawn street: mapped by day, driven again in the evening, 1.3 m to
 
 def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--output', type=Path, default=Path('demo'), help='results (demo)')
+    help_ = 'correct a drive through a town with pose_graph_node instead; needs gtsam'
+    parser.add_argument('--slam', action='store_true', help=help_)
     parser.add_argument('--frames', type=int, default=120, help='images of the second drive (120)')
 
 
@@ -43,6 +46,9 @@ def run(chosen: argparse.Namespace) -> int:
     """Map the first drive, recognise the second one live and offline, and compare both."""
     folder = chosen.output
     make_empty(folder, _MARKER)
+    if chosen.slam:
+        run_slam(folder.absolute())
+        return 0
     _say('drawing a street and driving along it twice')
     truth = _draw_drives(chosen.frames, folder)
     map_path = folder / 'map.db'

@@ -15,9 +15,9 @@ from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Localization, Match
 from convseq_ros.errors import ConfigError, ConvseqError, ImageError, printable, SourceError
-from convseq_ros.evaluation.match_picture import match_picture
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.models.onnx_model import open_model
+from convseq_ros.node.match_picture import match_picture
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.folder import FRAME_INTERVAL_NS, unreadable
 from convseq_ros.sources.images import gray_and_color, read_picture

@@ -13,8 +13,10 @@ import sys
 
 from convseq_ros.cli.map_picture import draw_solved
 from convseq_ros.cli.options import map_progress, progress
+from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.database import BESIDE
 from convseq_ros.core.map.edit import (
     joined,
     refuse_existing,
@@ -32,6 +34,7 @@ from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.edges import edges_of, Poses
 from convseq_ros.pose_graph.g2o import g2o
+from convseq_ros.pose_graph.graph_file import write_tum
 from convseq_ros.pose_graph.optimisation import optimise
 
 
@@ -50,6 +53,8 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
     help_ = 'write a map whose poses are in one frame'
     add('-o', '--output', type=Path, metavar='MAP', help=help_)
     add('--picture', type=Path, metavar='FILE', help='draw the drives before and after')
+    help_ = 'write the trajectory in one frame, in the format of TUM, as evo reads'
+    add('--tum', type=Path, metavar='FILE', help=help_)
     add('--json', action='store_true', help='print the links as JSON')
 
 
@@ -61,8 +66,12 @@ def run(chosen: argparse.Namespace) -> None:
         with relinked(chosen.map) as opened:
             for _ in _linking(chosen.map, opened):
                 pass
-    elif not_linked(opened := open_map(chosen.map)):
-        with closing(Autosave(chosen.map, opened.encoding, opened.keyframes, True)) as kept:
+        make_outputs(chosen, open_map(chosen.map))
+        return
+    count, encoding, keyframes = _lacking(chosen.map)
+    beside = [chosen.map.with_name(chosen.map.name + end) for end in BESIDE]
+    if count or any(file.exists() for file in beside):  # a killed one leaves its log
+        with closing(Autosave(chosen.map, encoding, keyframes, True)) as kept:
             for _ in _linking(chosen.map, kept.reference_map):
                 kept.save()
     make_outputs(chosen, open_map(chosen.map))
@@ -72,6 +81,12 @@ def _linking(path: Path, unlinked: ReferenceMap) -> Iterator[int]:
     """Link the places of a map that are not linked yet, with progress; yield after each."""
     count = sum(map(len, not_linked(unlinked)))
     return progress(link_map(unlinked), count, path.name, 'places')
+
+
+def _lacking(path: Path) -> tuple[int, EncodingConfig, KeyframeConfig]:
+    """Return how many places are not linked yet, and the map's settings; the map is closed."""
+    opened = open_map(path)
+    return sum(map(len, not_linked(opened))), opened.encoding, opened.keyframes
 
 
 def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
@@ -88,7 +103,7 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
     if chosen.g2o:
         with complete_or_absent(chosen.g2o) as file:
             file.write_text(''.join(f'{line}\n' for line in g2o(poses, edges)), encoding='utf-8')
-    if not (chosen.output or chosen.picture):
+    if not (chosen.output or chosen.picture or chosen.tum):
         return
     start = align_sessions(poses, session, edges)
     if not start:
@@ -96,7 +111,10 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
             f'{chosen.map}: no link is measured in metres; that needs a map built with --odom '
             'and --camera-info'
         )
-    after = optimise(edges, start)
+    after = optimise(edges, start).poses
+    if chosen.tum:
+        stamped = ((linked.places[at].stamp_ns, pose_of(pose)) for at, pose in after.items())
+        write_tum(chosen.tum, stamped)
     if chosen.picture:
         draw_solved(chosen.picture, linked, poses, after)
         print(f'{chosen.picture}: drawn', file=sys.stderr)

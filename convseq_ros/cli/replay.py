@@ -27,12 +27,14 @@ from convseq_ros.cli.options import (
 from convseq_ros.cli.processes import need_ros
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.pipeline import Pipeline
+from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.result_row import COLUMNS, row
-from convseq_ros.core.types import Frame, Match, Reason
+from convseq_ros.core.types import Frame, Match, Pose, Reason
 from convseq_ros.errors import MapError
 from convseq_ros.io.results import ResultWriter
 from convseq_ros.models.onnx_model import open_model
+from convseq_ros.pose_graph.graph_file import write_tum
 from convseq_ros.sources import in_order, open_each_camera, Source
 
 Listener = Callable[[Frame, Match, PlaceRecognizer, float], None]
@@ -42,6 +44,10 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('recording', type=Path, help='recording or folder of images')
     help_ = 'reference map; with --mode online it is made if there is none, and grows'
     parser.add_argument('--map', type=Path, required=True, help=help_)
+    help_ = (
+        'also write the poses of accepted frames in the map, in the format of TUM, as evo reads'
+    )
+    parser.add_argument('--tum', type=Path, metavar='FILE', help=help_)
     add_replay(parser)
 
 
@@ -95,16 +101,42 @@ def replay_chosen(
             'matched with it'
         )
     matches, durations = [], []
+    poses = list[tuple[int, Pose]]()
     with opened(chosen.output) as write:
-        for match, duration_ms in replay(source, cameras, write):
+        for match, duration_ms in replay(source, cameras, _with_poses(write, poses)):
             matches.append(match)
             durations.append(duration_ms)
             after_frame()
+    if path := getattr(chosen, 'tum', None):
+        if not poses:
+            raise MapError(f'{path}: no accepted place has a pose; build the map with --odom')
+        write_tum(path, poses)
     for warning in source.warnings:
         warn(warning)
     if (loaded := first.reference_map).unreadable:
         warn(f'{name}: {loaded.unreadable} kept images cannot be used; {loaded.unreadable_why}')
     return summarize(matches, durations)
+
+
+def _with_poses(write: Listener, poses: list[tuple[int, Pose]]) -> Listener:
+    """Return a function that writes, too, and keeps the poses of accepted frames in the map."""
+
+    def listen(
+        frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
+    ) -> None:
+        write(frame, match, recognizer, duration_ms)
+        if accepted := match.accepted:
+            estimate = estimate_pose(
+                recognizer.reference_map.places,
+                accepted.reference_index,
+                yaw_rad=match.relative_yaw_rad,
+                relative=match.relative_pose,
+                row=recognizer.buffer.row,
+            )
+            if estimate:
+                poses.append((match.query_stamp_ns, estimate.pose))
+
+    return listen
 
 
 def in_words(summary: dict[str, Any], slow: str) -> str:

@@ -69,6 +69,11 @@ class NodeConfig(Checked):
         False, 'Whether a pose is published on `initialpose` each time the robot is localised '
         'after being lost.', dynamic=True,
     )
+    publish_tf: bool = parameter(
+        False, 'Whether map -> odom is broadcast on /tf, and published on ~/map_to_odom, from '
+        'measured relative poses, carried by odometry between matches; for a preloaded map with '
+        'poses, where nothing else publishes it.',
+    )
     lifecycle: bool = parameter(
         False, 'Whether the node waits to be configured and activated by ~/change_state '
         '(lifecycle_msgs) instead of starting at once.',

@@ -15,20 +15,7 @@ from convseq_ros.errors import ConfigError
 Value = bool | int | float | str
 
 _RECENT = 'places are matched once the drive is 20 keyframes past them; leave it out'
-# Parameters and choices that were removed, and what to set instead.
-RETIRED = {
-    'min_evidence': 'set min_confidence instead, a probability; leave it out for the default',
-    'verification': 'the belief always verifies; leave it out, or set acceptance_rule: margin',
-    'velocity_search': 'all velocities are always searched; leave it out',
-    'localize_keyframes': 'min_confidence decides when the robot is localised; leave it out',
-    'lost_keyframes': 'min_confidence decides when the robot is lost; leave it out',
-    'exclusion_s': _RECENT,
-    'exclusion_m': _RECENT,
-}
-RETIRED_CHOICES = {
-    ('acceptance_rule', 'track'): 'set belief instead, or leave it out',
-    ('mode', 'lifelong'): 'set online instead, and max_looks to limit the keyframes of a place',
-}
+RETIRED = {'exclusion_s': _RECENT, 'exclusion_m': _RECENT}  # parameters that were removed
 
 
 def parameter(default: Value, doc: str, **about: Any) -> Any:
@@ -60,8 +47,6 @@ class Parameter:
                 f'{self.name}: expected {self.type.__name__}, got {value!r}; '
                 f'the default is {self.default!r}'
             )
-        if instead := RETIRED_CHOICES.get((self.name, str(value))):
-            raise ConfigError(f'{self.name}: {value!r} is gone: {instead}')
         if self.choices and value not in self.choices:
             raise ConfigError(f'{self.name}: {value!r} is not one of {", ".join(self.choices)}')
         if isinstance(value, float) and not math.isfinite(value):
@@ -148,14 +133,9 @@ def refuse_unknown(
     """Raise a ConfigError that names the first unknown parameter and the most similar one."""
     allowed = list(allowed)
     for name in names:
+        if name in RETIRED:
+            raise ConfigError(f'parameter {name!r} is gone: {RETIRED[name]}')
         if name not in allowed:
-            refuse_retired(name)
             near = difflib.get_close_matches(str(name), allowed, n=1)  # YAML allows 5 as a name
             advice = f'did you mean {near[0]}?' if near else f'known: {", ".join(allowed)}'
             raise ConfigError(f'{what} {name!r}; {advice}')
-
-
-def refuse_retired(name: str) -> None:
-    """Raise a ConfigError if a parameter was removed; it names what to set instead."""
-    if name in RETIRED:
-        raise ConfigError(f'parameter {name!r} is gone: {RETIRED[name]}')

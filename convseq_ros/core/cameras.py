@@ -9,7 +9,7 @@ from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import Describe
 from convseq_ros.core.encoding.regions import global_descriptor
-from convseq_ros.core.map.online import FollowedMap
+from convseq_ros.core.map.online import FollowedMap, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.retrieval.coarse_scores import Coarse
@@ -40,15 +40,16 @@ class Cameras:
         """Make a recogniser for each source; `coarse` makes the coarse scores of each."""
         self.config = config
 
-        def make(number: int) -> PlaceRecognizer:
+        def make(number: int, mapping: PreloadedMap | None = None) -> PlaceRecognizer:
             settings = of_camera(config, number)
-            return PlaceRecognizer(reference_map, settings, coarse=coarse(), describe=describe)
+            return PlaceRecognizer(
+                reference_map, settings, coarse=coarse(), describe=describe, mapping=mapping
+            )
 
         self.first = make(0)
         self.recognizers, self._frames = {source: self.first for source in sources[:1]}, 0
         for number, source in enumerate(sources[1:], 1):
-            recognizer = make(number)
-            recognizer.mapping = FollowedMap(reference_map, self.first.mapping)
+            recognizer = make(number, FollowedMap(reference_map, self.first.mapping))
             recognizer.decider.share(self.first.decider)
             self.recognizers[source] = recognizer
         self._set_usual_mount()

@@ -62,11 +62,14 @@ class MapBuilder:
         else:
             self._autosave = NoAutosave(ReferenceMap(encoding, keyframes=keyframes))
         self.reference_map = self._autosave.reference_map
-        recognizer = PlaceRecognizer(self.reference_map, config, describe=describe)
-        recognizer.order = AnyOrder()  # all frames are one session, whatever their stamps
-        recognizer.mapping = OnlineMap(self.reference_map, config, name, frame)
-        recognizer.only_maps = not (links and encoding.keeps_cells)
-        self._recognizer = recognizer
+        self._recognizer = PlaceRecognizer(
+            self.reference_map,
+            config,
+            describe=describe,
+            mapping=OnlineMap(self.reference_map, config, name, frame),
+            order=AnyOrder(),  # all frames are one session, whatever their stamps
+            links=links and encoding.keeps_cells,
+        )
 
     @property
     def added(self) -> int:
@@ -99,7 +102,35 @@ def build_map(
     links: bool = True,
     describe: Describe | None = None,
 ) -> ReferenceMap:
-    """Build a map from frames in order, as `MapBuilder` does, in a new file or in memory."""
+    """
+    Build a map from frames in order, in a new file or in memory.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        One drive, in order; frames without an image are left out.
+    path : str or Path, optional
+        File to make; without it the map is in memory.
+    config : Config
+        Decides which frames become places, and how they are encoded.
+    links : bool
+        Whether each place is looked up among the earlier ones, and linked to those that it shows.
+    describe : Describe, optional
+        Descriptor model of the map, from an image to a vector; none for the built-in one.
+
+    Returns
+    -------
+    ReferenceMap
+        The map, as `PlaceRecognizer` takes it.
+
+    Raises
+    ------
+    MapError
+        If the file exists already, cannot be written, or the disk is full.
+    ModelError
+        If the model fails on an image.
+
+    """
     file = Path(path) if path else None
     with MapBuilder(file, config, links=links, describe=describe) as builder:
         for frame in frames:
@@ -131,8 +162,8 @@ def link_map(
     driven = _as_driven(unlinked)
     online = replace(config.online, mode='online')
     config = replace(config, encoding=driven.encoding, motion=_NEVER_STILL, online=online)
-    recognizer, mapping = PlaceRecognizer(driven, config), _DrivenMap(driven, config)
-    recognizer.order, recognizer.mapping = AnyOrder(), mapping
+    mapping = _DrivenMap(driven, config)
+    recognizer = PlaceRecognizer(driven, config, mapping=mapping, order=AnyOrder())
     for session in sessions:
         recognizer.reset()
         mapping.begin(session.start)

@@ -15,16 +15,16 @@ from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import Describe, FirstStage
 from convseq_ros.core.encoding.view import upright
-from convseq_ros.core.gate.gate import FrameGate, Verdict
+from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.gate.stamp_order import Order, StampOrder
-from convseq_ros.core.map.online import OnlineMap, PreloadedMap
+from convseq_ros.core.map.online import mapping_of, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.estimate import with_shift_and_yaw
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.retrieval.coarse_scores import Coarse, CoarseScores
 from convseq_ros.core.similarity.matcher import Features, make_matcher, Matcher
 from convseq_ros.core.similarity.overlap import PaperSimilarity
-from convseq_ros.core.types import Anchor, Descriptor, Frame, Match, Reason, Status
+from convseq_ros.core.types import Anchor, Descriptor, Frame, Match, Reason
 
 
 class PlaceRecognizer:
@@ -41,6 +41,12 @@ class PlaceRecognizer:
         They compute pair scores and coarse scores; by default as `config.matching` selects.
     describe : Describe, optional
         The descriptor model of the map, from an image to a vector; none for the built-in one.
+    mapping : PreloadedMap, optional
+        Which places may be matched and how the map grows; by default as `config.online` selects.
+    order : StampOrder, optional
+        What becomes of frames that come late; by default they are skipped.
+    links : bool, optional
+        Whether frames are looked up in the map; otherwise they are only added to it.
 
     Raises
     ------
@@ -56,6 +62,10 @@ class PlaceRecognizer:
         matcher: Matcher | None = None,
         coarse: Coarse | None = None,
         describe: Describe | None = None,
+        *,
+        mapping: PreloadedMap | None = None,
+        order: StampOrder | None = None,
+        links: bool = True,
     ) -> None:
         self.reference_map, self.config, self.resets = reference_map, config, 0
         # Only a query's regions are selected by saliency, so this threshold is not the map's.
@@ -66,8 +76,7 @@ class PlaceRecognizer:
         self.model_ms = 0.0  # how long the descriptor model took for the newest frame
         self._similarity = PaperSimilarity(config.matching.kernel)
         self.gate = FrameGate(config, reference_map.keyframes, self._similarity)
-        grows = config.online.grows
-        self.mapping = OnlineMap(reference_map, config) if grows else PreloadedMap(reference_map)
+        self.mapping = mapping or mapping_of(reference_map, config)
         self.matcher = matcher or make_matcher(reference_map, config)
         self.buffer = QueryBuffer(self.matcher, reference_map.bounds)
         if config.matching.search == 'exhaustive':
@@ -77,9 +86,9 @@ class PlaceRecognizer:
         self.decider: Decider = BeliefDecider(*parts) if config.believes else PaperDecider(*parts)
         self._poses = RelativePoses(reference_map, self.matcher, config.reading)
         self._accepted_ns: int | None = None  # stamp of the newest accepted match
-        self.order, self._count, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
+        self._order, self._links = order or StampOrder(), links
+        self._count, self._blank = 0, blank_descriptor(self._encoding)
         self.localizer = Localizer(reference_map)
-        self.only_maps = False  # whether frames are added to the map without being recognised
         self._last: Match | None = None  # the answer to the newest keyframe
 
     def process(self, frame: Frame, descriptor: Descriptor | None = None) -> Match:
@@ -94,66 +103,94 @@ class PlaceRecognizer:
         keyframes (2) and while the robot stands still (3) the last answer is repeated; (4) a
         dropped frame leaves an empty slot in the sequence.
         """
-        match = self._match(upright(frame, self._encoding, self.config.robot), descriptor)
+        frame = upright(frame, self._encoding, self.config.robot)
+        new_match, self._count = partial(Match, self._count, frame.stamp_ns), self._count + 1
+        match = self._match(new_match, frame, descriptor)
         return self.localizer.update(match, self.mapping.session_start, self.config)
 
-    def _verdict(self, frame: Frame, descriptor: Descriptor | None) -> Verdict:
-        """Return whether a frame is a keyframe, with its descriptor."""
-
-        def encode() -> Descriptor:  # III-B, III-C: entropy, and histograms of gradients
-            if descriptor is None and frame.gray is not None:
-                return describe(frame.gray, self._encoding)
-            return descriptor or self._blank
-
-        return self.gate.check(frame.stamp_ns, frame.pose, encode, frame.gray)
-
-    def _match(self, frame: Frame, descriptor: Descriptor | None) -> Match:
-        new_match, self._count = partial(Match, self._count, frame.stamp_ns), self._count + 1
+    def _match(
+        self, new_match: partial[Match], frame: Frame, descriptor: Descriptor | None
+    ) -> Match:
+        """Return the answer to an upright frame, without the localisation."""
         self.model_ms = 0.0
-        if (order := self.order.check(frame.stamp_ns)) is Order.LATE:
-            return new_match(Status.SKIPPED, Reason.OUT_OF_ORDER)
+        if self._is_late(frame.stamp_ns):
+            return new_match(Reason.OUT_OF_ORDER)
+        if frame.gray is None and descriptor is None:
+            self._leave_slot(frame)
+            return new_match(Reason.UNREADABLE)
+        # III-B, III-C: entropy, and histograms of gradients, if the frame may be a keyframe.
+        encode = partial(self._described, frame, descriptor)
+        verdict = self.gate.check(frame.stamp_ns, frame.pose, encode, frame.gray)
+        self.mapping.follow(verdict.passed)
+        if verdict.reason:
+            repeated = self._repeated(new_match, verdict.reason)
+            return with_shift_and_yaw(repeated, frame, self.reference_map)
+        descriptor = self.first_stage.add(frame, verdict.descriptor)
+        self.model_ms = self.first_stage.duration_ms
+        if not self._links:
+            self.mapping.add(frame, descriptor)
+            return new_match(self.mapping.nothing_usable)
+        match = self._last = self._recognize(new_match, frame, descriptor, verdict.missing)
+        self.mapping.add(frame, descriptor, match)
+        return with_shift_and_yaw(match, frame, self.reference_map)
+
+    def _is_late(self, stamp_ns: int) -> bool:
+        """Return whether a frame comes late; begin anew if the clock jumped back."""
+        order = self._order.check(stamp_ns)
         if order is Order.JUMPED_BACK:
             self.reset()
             self.mapping.reset()
-            self.order.check(frame.stamp_ns)
+            self._order.check(stamp_ns)
             self.resets += 1
-        verdict = self._verdict(frame, descriptor)
-        self.mapping.follow(verdict.passed)
-        if verdict.reason:  # not a keyframe
-            match = self._repeated(new_match, verdict.reason)
-        else:
-            verdict = replace(verdict, descriptor=self.first_stage.add(frame, verdict.descriptor))
-            self.model_ms = self.first_stage.duration_ms
-            if self.only_maps:
-                self.mapping.add(frame, verdict.descriptor)
-                return new_match(Status.SKIPPED, self.mapping.nothing_usable)
-            match = self._last = self._recognize(new_match, frame, verdict)
-            self.mapping.add(frame, verdict.descriptor, match)
-        if frame.gray is None and descriptor is None:
-            return new_match(Status.SKIPPED, Reason.UNREADABLE)
-        return with_shift_and_yaw(match, frame, self.reference_map)
+        return order is Order.LATE
 
-    def _recognize(self, new_match: partial[Match], frame: Frame, verdict: Verdict) -> Match:
+    def _described(self, frame: Frame, descriptor: Descriptor | None) -> Descriptor:
+        if descriptor is None and frame.gray is not None:
+            return describe(frame.gray, self._encoding)
+        return descriptor or self._blank
+
+    def _leave_slot(self, frame: Frame) -> None:
+        """Leave an empty slot in the sequence for an unreadable frame, if it is a keyframe."""
+        verdict = self.gate.check(frame.stamp_ns, frame.pose, lambda: self._blank)
+        if verdict.reason is None:
+            self._last = None
+            self.mapping.follow(verdict.passed)
+            for empty in (verdict.missing, 1):
+                self.buffer.add_empty(empty, self._blank, self._capacity)
+
+    @property
+    def _capacity(self) -> int:
+        return max(2, self.config.sequence.window)
+
+    def _recognize(
+        self, new_match: partial[Match], frame: Frame, descriptor: Descriptor, missing: int
+    ) -> Match:
+        """Return the answer to a keyframe, after `missing` dropped ones."""
         config, buffer = self.config, self.buffer
         # III-A: the newest frame joins the rolling buffer; a dropped frame leaves an empty slot.
-        capacity = max(2, config.sequence.window)
-        buffer.add_empty(verdict.missing, self._blank, capacity)
+        buffer.add_empty(missing, self._blank, self._capacity)
         usable = self.mapping.usable  # places [0, usable) may match
-        buffer.append(verdict.descriptor, usable, capacity)
-        if (features := buffer.newest.features) is None or not usable:
-            reason = self.mapping.nothing_usable if features else Reason.UNINFORMATIVE
-            return new_match(Status.SKIPPED, reason)
+        buffer.append(descriptor, usable, self._capacity)
+        if (features := buffer.newest.features) is None:
+            return new_match(Reason.UNINFORMATIVE)
+        if not usable:
+            return new_match(self.mapping.nothing_usable)
         # III-E, III-F: information gain and entropy choose k, the number of frames to match.
         length = choose_length(buffer.descriptors, self._similarity, config.sequence)
         # III-D, III-G, or the Bayes filter: score the likely places; is the best one a match?
         start = self.mapping.session_start
-        query = Query(frame, buffer, usable, start, config, length, verdict.missing)
+        query = Query(frame, buffer, usable, start, config, length, missing)
         decided, pairs = self.decider.decide(query), buffer.pairs_scored
-        reason, denied_m = decided.reason, decided.implausible_m
         if not decided.candidates:
-            return new_match(Status.SKIPPED, reason, (), decided.length, pairs)
-        scored = decided.candidates, decided.length, pairs, decided.confidence
-        match = new_match(Status.REJECTED, reason, *scored, implausible_m=denied_m)
+            return new_match(decided.reason, (), decided.length, pairs)
+        match = new_match(
+            decided.reason,
+            decided.candidates,
+            decided.length,
+            pairs,
+            decided.confidence,
+            implausible_m=decided.implausible_m,
+        )
         return self._complete(match, frame, features)
 
     def _complete(self, match: Match, frame: Frame, features: Features) -> Match:
@@ -170,19 +207,19 @@ class PlaceRecognizer:
         pose, places = self._poses.measure(features, frame, best), self.reference_map.places
         place = places[self.reference_map.links.anchor(best.reference_index)]
         anchor = Anchor(self.reference_map.sessions[place.session].id, place.stamp_ns)
-        return replace(match, status=Status.ACCEPTED, relative_pose=pose, anchor=anchor)
+        return replace(match, relative_pose=pose, anchor=anchor)
 
     def _repeated(self, new_match: partial[Match], reason: Reason) -> Match:
         """Return the last keyframe's answer, not as a match: this frame is not a keyframe."""
         last = self._last
         if reason is Reason.UNINFORMATIVE or last is None or not last.candidates:
-            return new_match(Status.SKIPPED, reason)
+            return new_match(reason)
         repeated = last.candidates, last.sequence_length, 0, last.confidence
-        return new_match(Status.REJECTED, reason, *repeated)
+        return new_match(reason, *repeated)
 
     def reset(self) -> None:
         """Forget the frames so far; the map stays, and frames are counted on."""
         self._last = self._accepted_ns = None
-        stages = self.order, self.gate, self.matcher, self.buffer, self.decider, self.localizer
+        stages = self._order, self.gate, self.matcher, self.buffer, self.decider, self.localizer
         for stage in stages:
             stage.reset()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A match as a row of the result table."""
 
-from convseq_ros.core.types import Match, Reason, RelativePose, Status
+from convseq_ros.core.types import Match, Reason, RelativePose
 
 
 def row(match: Match, duration_ms: float, image: str = '') -> dict[str, object]:
@@ -62,4 +62,4 @@ def _decimals(value: float | None, count: int) -> str | None:
     return None if value is None else f'{value:.{count}f}'
 
 
-COLUMNS = tuple(row(Match(0, 0, Status.SKIPPED, Reason.WEAK), 0.0))
+COLUMNS = tuple(row(Match(0, 0, Reason.WEAK), 0.0))

@@ -98,7 +98,7 @@ class Descriptor:
 
 
 class Status(StrEnum):
-    """The outcome of a frame."""
+    """The outcome of a frame; it follows from the reason and the candidates."""
 
     ACCEPTED = 'accepted'
     REJECTED = 'rejected'
@@ -106,7 +106,7 @@ class Status(StrEnum):
 
 
 class Reason(StrEnum):
-    """The reason of a frame's status."""
+    """Why a frame is a match, or none."""
 
     ACCEPTED = 'accepted'
     AMBIGUOUS = 'ambiguous'
@@ -211,7 +211,6 @@ class Match:
 
     query_index: int  # frames processed before this one
     query_stamp_ns: int
-    status: Status
     reason: Reason
     candidates: Candidates = ()  # best first; empty if the frame was skipped
     sequence_length: int = 0  # number of frames matched together, k in the paper; 0 without any
@@ -233,6 +232,13 @@ class Match:
     camera: str = ''  # source of the frame, if the robot has several cameras
 
     @property
+    def status(self) -> Status:
+        """Whether the best candidate was accepted or rejected; skipped without candidates."""
+        if self.reason is Reason.ACCEPTED:
+            return Status.ACCEPTED
+        return Status.REJECTED if self.candidates else Status.SKIPPED
+
+    @property
     def best(self) -> Candidate | None:
         """The best candidate, accepted or not."""
         return self.candidates[0] if self.candidates else None
@@ -240,4 +246,4 @@ class Match:
     @property
     def accepted(self) -> Candidate | None:
         """The best candidate if it was accepted."""
-        return self.best if self.status is Status.ACCEPTED else None
+        return self.best if self.reason is Reason.ACCEPTED else None

@@ -4,7 +4,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.config import Config
@@ -89,14 +88,9 @@ def recognize_given(
 
 
 def rank_references(
-    rows: Scores,
-    drive: Drive,
-    lengths: Sequence[int],
-    scorer: SequenceScorer | None = None,
-    partial_windows: bool = False,
+    rows: Scores, drive: Drive, lengths: Sequence[int], scorer: SequenceScorer = sequence_scores
 ) -> SequenceScores:
     """Return sequence scores (Q, R); `lengths` (Q,) are the sequence lengths k, 0 for none."""
-    scorer = scorer or partial(sequence_scores, partial=partial_windows)
     usable = drive.informative & np.isfinite(rows).any(axis=1)
     usable_rows = [row if flag else None for row, flag in zip(rows, usable, strict=True)]
     scores = np.full(rows.shape, -np.inf)

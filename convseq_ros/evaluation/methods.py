@@ -14,7 +14,7 @@ from convseq_ros.baselines import seqslam
 from convseq_ros.baselines.loop_detector import ALPHA
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
-from convseq_ros.config.parameter import refuse_retired, Value
+from convseq_ros.config.parameter import Value
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ConfigError, pip_install, SourceError
 from convseq_ros.evaluation import peers
@@ -134,7 +134,6 @@ def make_method(name: MethodName, config: Config) -> Method:
         raise ConfigError(f'method {name.label}: expected {expected}')
     core = {item.name: item for item in core_parameters()}
     for option in name.options:
-        refuse_retired(option)
         if option not in kind.options and option not in core:
             raise ConfigError(
                 f'method {name.label}: unknown option {option!r}; known: '

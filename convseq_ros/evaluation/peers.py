@@ -16,7 +16,7 @@ from convseq_ros.baselines.loop_detector import detect, Detection
 from convseq_ros.baselines.vocabulary import bag_scores, Vocabulary
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Candidate, Frame, Match, Reason, Status
+from convseq_ros.core.types import Candidate, Frame, Match, Reason
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.material import described, Drive, Material
 from convseq_ros.sources import open_source
@@ -95,14 +95,12 @@ def matches_of(detections: Iterable[Detection], query: Drive, part: ReferenceMap
     matches = []
     for index, (detection, stamp_ns) in enumerate(zip(detections, query.stamps_ns, strict=True)):
         if detection.reference is None:
-            matches.append(Match(index, stamp_ns, Status.SKIPPED, Reason.WEAK))
+            matches.append(Match(index, stamp_ns, Reason.WEAK))
             continue
         place, score = part.places[detection.reference], detection.inliers / local_features.COUNT
         best = Candidate(detection.reference, place.stamp_ns, score, inliers=detection.inliers)
-        status, reason = Status.REJECTED, Reason.WEAK
-        if detection.inliers:
-            status, reason = Status.ACCEPTED, Reason.ACCEPTED
-        matches.append(Match(index, stamp_ns, status, reason, (best,), 1))
+        reason = Reason.ACCEPTED if detection.inliers else Reason.WEAK
+        matches.append(Match(index, stamp_ns, reason, (best,), 1))
     return matches
 
 

@@ -110,9 +110,7 @@ def _ranked(
     first, last = span
     lengths = [match.sequence_length for match in recognition.matches]
     scores = np.full(rows.shape, -np.inf)
-    scores[:, first:last] = rank_references(
-        rows[:, first:last], query, lengths, partial_windows=method.config.believes
-    )
+    scores[:, first:last] = rank_references(rows[:, first:last], query, lengths)
     return replace(recognition, rows=scores)
 
 

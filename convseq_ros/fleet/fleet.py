@@ -22,7 +22,7 @@ from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import Coarse
-from convseq_ros.core.retrieval.whitening import DriveMean, Usual, usual_of
+from convseq_ros.core.retrieval.whitening import DriveMean, Statistics, statistics_of
 from convseq_ros.core.types import Descriptor, Floats, Indices
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.shard import About, Answer, Call, Holder, KEPT, merged, Question
@@ -33,7 +33,7 @@ class FleetScores(Coarse):
     """Coarse scores of one camera, by its number, from all shards."""
 
     def __init__(
-        self, ask: Callable[[Question], Answer], usual: Usual, both: bool, camera: int
+        self, ask: Callable[[Question], Answer], usual: Statistics, both: bool, camera: int
     ) -> None:
         self._ask, self._usual, self._both, self._camera = ask, usual, both, camera
         self._mean, self._drive, self._frame = DriveMean(len(usual.mean)), 0, 0
@@ -49,10 +49,10 @@ class FleetScores(Coarse):
         self._directions.append(self._mean.update(descriptor, self._usual))
         self._frame += 1
 
-    def best(self, along: int, newest: int, passed: Sequence[range] = ()) -> Indices:
+    def best(self, by_track: int, by_frame: int, excluded: Sequence[range] = ()) -> Indices:
         """Return the best places as `Coarse.best`; if a shard lacks frames, they are sent."""
         drive, last = (self._camera, self._drive, self._frame), [self._directions[-1]]
-        question = Question(self._usual, self._both, *drive, last, along, newest, passed)
+        question = Question(self._usual, self._both, *drive, last, by_track, by_frame, excluded)
         answer = self._ask(question)
         answer = answer or self._ask(replace(question, directions=[*self._directions]))
         assert answer is not None
@@ -176,7 +176,7 @@ class Fleet:
         self.offsets = dict(zip(abouts, self._starts, strict=True))
         self._cameras = count()
         sums = np.asarray(sum(about.sums for about in abouts.values()))
-        self._usual = usual_of(sums, self.count)
+        self._usual = statistics_of(sums, self.count)
         self.reference_map = self._joined(abouts)
 
     def _joined(self, abouts: Mapping[str, About]) -> ReferenceMap:

@@ -13,7 +13,7 @@ from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.retrieval.coarse_scores import top
 from convseq_ros.core.retrieval.track import Track
-from convseq_ros.core.retrieval.whitening import Centred, sums_of, Usual
+from convseq_ros.core.retrieval.whitening import Statistics, sums_of, WhitenedReferences
 from convseq_ros.core.types import Floats, Indices, Row
 from convseq_ros.errors import MapError
 import numpy as np
@@ -40,7 +40,7 @@ class About:
 class Question:
     """A question to every shard: which places the newest frame of a drive may show."""
 
-    usual: Usual
+    usual: Statistics
     both: bool  # whether drives may pass the map in both directions
     camera: int
     drive: int  # of the camera
@@ -71,7 +71,7 @@ class Shard:
 
     def __init__(self, path: Path) -> None:
         self._map = open_map(path)
-        self._centred: Centred | None = None
+        self._whitened: WhitenedReferences | None = None
         self._drives = dict[int, DriveState]()  # by camera
 
     def about(self) -> About:
@@ -95,7 +95,9 @@ class Shard:
     def _updated(self, question: Question) -> DriveState | None:
         """Return the state of a drive after its newest frame; None if frames are missing."""
         references, starts = self._map.global_descriptors, self._map.bounds.starts
-        centred = self._centred = self._centred or Centred(question.usual, references, starts)
+        centred = self._whitened = self._whitened or WhitenedReferences(
+            question.usual, references, starts
+        )
         state, count = self._drives.get(question.camera), len(question.directions)
         if state is None or state.drive != question.drive:
             state = DriveState(question.drive, Track(question.both))

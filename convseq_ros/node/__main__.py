@@ -1,9 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The process of `vpr_node`, also `python -m convseq_ros.node`."""
+"""The processes of the nodes; `vpr_node` is also `python -m convseq_ros.node`."""
 
+from collections.abc import Callable, Iterable
 import sys
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from convseq_ros.node.process import end_on_signal, run_node
 
@@ -19,33 +20,65 @@ Topics to remap: image, camera_info, odom. Parameters:
 """
 
 
+_GRAPH_USAGE = """\
+usage: pose_graph_node [--ros-args [-p NAME:=VALUE]... [--params-file FILE] [-r odom:=TOPIC]...]
+
+Corrects odometry with the closures of vpr_node, and publishes map -> odom.
+
+  pose_graph_node --ros-args -p graph_file:=home.db.graph -p tum_file:=path.txt
+
+Topics to remap: odom (default: the one that vpr_node takes), vpr_node/closure_odometry,
+vpr_node/loop_closure, vpr_node/pose, vpr_node/map_info. Parameters:
+"""
+
+
 def main() -> NoReturn:
-    """Run the node; a signal ends it cleanly, also while it starts."""
+    """Run `vpr_node`; a signal ends it cleanly, also while it starts."""
+    _start('vpr_node', _help)
+
+
+def pose_graph_main() -> NoReturn:
+    """Run `pose_graph_node` in the same way."""
+    _start('pose_graph_node', _graph_help)
+
+
+def _start(name: str, help_text: Callable[[], str]) -> NoReturn:
     end_on_signal(0)  # before anything else is imported
     if {'-h', '--help'} & set(sys.argv[1:]):
-        print(_help())
+        print(help_text())
         sys.exit(0)
     if sys.argv[1:] and sys.argv[1] != '--ros-args':  # ROS would ignore it silently
-        print(f'vpr_node: {sys.argv[1]}: parameters and remaps follow --ros-args', file=sys.stderr)
+        print(f'{name}: {sys.argv[1]}: parameters and remaps follow --ros-args', file=sys.stderr)
         sys.exit(2)
     from importlib.util import find_spec
 
     if find_spec('rclpy') is None:
         from convseq_ros.errors import NEEDS_ROS
 
-        sys.exit(f'vpr_node: {NEEDS_ROS}')
-    run_node('convseq_ros.node.vpr_node')
+        sys.exit(f'{name}: {NEEDS_ROS}')
+    run_node(f'convseq_ros.node.{name}')
 
 
 def _help() -> str:
-    import textwrap
-
     from convseq_ros.config import core_parameters
     from convseq_ros.config.node_config import NodeConfig
     from convseq_ros.config.parameter import parameters
 
-    lines = [_USAGE]
-    for item in (*parameters(NodeConfig), *core_parameters()):
+    return _described(_USAGE, (*parameters(NodeConfig), *core_parameters()))
+
+
+def _graph_help() -> str:
+    from convseq_ros.config.parameter import parameters
+    from convseq_ros.config.pose_graph_config import PoseGraphConfig
+
+    return _described(_GRAPH_USAGE, parameters(PoseGraphConfig))
+
+
+def _described(usage: str, items: Iterable[Any]) -> str:
+    import textwrap
+
+    lines = [usage]
+    for item in items:
         about = ', '.join(part for part in (item.bounds, item.unit) if part)
         lines.append(f'  {item.name} = {item.default!r}{f"  ({about})" if about else ""}')
         lines.append(textwrap.indent(textwrap.fill(item.doc, 90), 6 * ' '))

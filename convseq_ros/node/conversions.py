@@ -18,6 +18,7 @@ from convseq_ros.core.types import Candidate, Match, Pose, RelativePose, UNKNOWN
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
 from geometry_msgs.msg import Pose as PoseMessage
+from nav_msgs.msg import Odometry
 import numpy as np
 import numpy.typing as npt
 from sensor_msgs.msg import Image, PointCloud2, PointField
@@ -220,6 +221,7 @@ CLOSURE = np.dtype(
 """The one row of `~/closure`."""
 
 _NO_ID = UUID(int=0)
+UNKNOWN_RAD2 = 10.0  # variance of a turn that is not measured
 
 
 def closure_message(
@@ -251,6 +253,37 @@ def closure_message(
         newest = reference_map.places[len(reference_map) - 1]
         row['query_session'] = _bytes(reference_map.sessions[newest.session].id)
     return cloud_message(row, match_header(match, frame_id), is_dense=False)
+
+
+def closure_odometry_message(
+    match: Match, reference_map: ReferenceMap, session_start: int
+) -> Odometry:
+    """
+    Return an accepted match as the pose of the query in the reference, for tools that know us not.
+
+    `header.frame_id` names the reference and `child_frame_id` the query, as `session/stamp_ns`;
+    they are no TF frames. A query that is not in the map has no session. Without a measured
+    position it is zero, with a variance of 1e6 m2; without a measured turn, of 10 rad2.
+    """
+    accepted = match.accepted
+    if accepted is None:
+        raise ValueError('a closure needs an accepted match')
+    place = reference_map.places[accepted.reference_index]
+    reference, newest = reference_map.sessions[place.session].id, ''
+    if session_start < len(reference_map):
+        newest = reference_map.sessions[reference_map.places[len(reference_map) - 1].session].id
+    message = Odometry(header=match_header(match, f'{reference}/{accepted.reference_stamp_ns}'))
+    message.child_frame_id = f'{newest}/{match.query_stamp_ns}'
+    covariance = np.diag([UNKNOWN_M2] * 3 + [UNKNOWN_RAD2] * 3)
+    pose = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    if measured := match.relative_pose:
+        pose = Pose(measured.position_m or pose.position, measured.orientation)
+        covariance[3:, 3:] = measured.covariance[3:, 3:]
+        if measured.position_m:
+            covariance = measured.covariance
+    message.pose.pose = pose_only_message(pose)
+    message.pose.covariance = covariance.ravel()
+    return message
 
 
 def _write_pose(row: npt.NDArray[np.void], measured: RelativePose | None) -> None:

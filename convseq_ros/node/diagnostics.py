@@ -58,8 +58,9 @@ class Situation:
     topic: str  # of the camera
     dropped: int  # frames pushed out of the queue
     odometry_heard: bool
-    further: Mapping[str, int | bool]  # other values on /diagnostics, by name
+    further: Mapping[str, int | bool | float]  # other values on /diagnostics, by name
     fleet: FleetLink | None = None  # searches other maps as well
+    transform_problem: str = ''  # why map -> odom is not broadcast, although it is wanted
     model_problem: str = ''  # why the map's descriptor_model is not used, if it failed
     stamp_problem: str = ''  # of the images
 
@@ -133,6 +134,8 @@ class Diagnostics:
                 f'another node is named {self.node.get_fully_qualified_name()}; end it, or '
                 'rename one: -r __node:=NAME'
             )
+        if situation.transform_problem:
+            return DiagnosticStatus.ERROR, situation.transform_problem
         for problem in (situation.model_problem, situation.stamp_problem):
             if problem:
                 return DiagnosticStatus.WARN, problem

@@ -63,6 +63,7 @@ class Odometry:
     def __init__(self, node: ListeningNode, wait_s: float) -> None:
         self.frame_id = ''
         self.missing = 0
+        self.on_pose: Callable[[int, str], None] = lambda _stamp_ns, _frame_id: None
         self._node = node
         self._track = PoseTrack(kept=_KEPT)
         self._lost_in_a_row = 0
@@ -120,6 +121,7 @@ class Odometry:
             self.frame_id = message.header.frame_id
             self._track.add(stamp_ns, pose)
             self.waiting.notify()
+        self.on_pose(stamp_ns, message.header.frame_id)
 
 
 class DepthImages:

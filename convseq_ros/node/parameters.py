@@ -4,7 +4,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 import sys
-from typing import Any
+from typing import Any, TypeVar
 
 from convseq_ros.config import Config, core_parameters, make_config, make_group
 from convseq_ros.config.node_config import NodeConfig
@@ -28,6 +28,7 @@ _OF_ROS_PREFIX = 'qos_overrides.'
 _INT64_MAX = 2**63 - 1
 
 Listener = Callable[[Config, NodeConfig], None]
+Group = TypeVar('Group')
 
 
 def declare(node: Node, on_change: Listener) -> tuple[Config, NodeConfig]:
@@ -37,14 +38,8 @@ def declare(node: Node, on_change: Listener) -> tuple[Config, NodeConfig]:
     `on_change` receives both configurations whenever a dynamic parameter was set. ConfigError if a
     name is unknown or a value is not allowed.
     """
-    chosen = _overrides(node)
-    refuse_unknown(chosen, KNOWN)
-    values = {name: item.check(chosen.get(name, item.default)) for name, item in KNOWN.items()}
+    values = _declared(node, KNOWN)
     configs = _configs(values)
-    for name, value in values.items():
-        if name in chosen:
-            node.undeclare_parameter(name)
-        node.declare_parameter(name, value, descriptor(KNOWN[name]), ignore_override=True)
 
     def check(changes: Sequence[RosParameter]) -> SetParametersResult:
         for item in changes:
@@ -86,6 +81,23 @@ class _Unknown(ParameterNotDeclaredException):
 
     def __init__(self, line: str) -> None:
         Exception.__init__(self, line)
+
+
+def declare_group(node: Node, kind: type[Group]) -> Group:
+    """Declare the parameters of one group alone, which only a start sets, and return it."""
+    return make_group(kind, _declared(node, {item.name: item for item in parameters(kind)}))
+
+
+def _declared(node: Node, known: Mapping[str, Parameter]) -> dict[str, Any]:
+    """Declare parameters, and return their values; ConfigError as of `declare`."""
+    chosen = _overrides(node)
+    refuse_unknown(chosen, known)
+    values = {name: item.check(chosen.get(name, item.default)) for name, item in known.items()}
+    for name, value in values.items():
+        if name in chosen:
+            node.undeclare_parameter(name)
+        node.declare_parameter(name, value, descriptor(known[name]), ignore_override=True)
+    return values
 
 
 def descriptor(item: Parameter) -> ParameterDescriptor:

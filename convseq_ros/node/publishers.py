@@ -12,13 +12,13 @@ from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match
-from convseq_ros.evaluation.match_picture import match_picture
 from convseq_ros.fleet.cluster import Cluster
 from convseq_ros.fleet.link import FleetLink
 from convseq_ros.node.conversions import (
     answer_message,
     candidates_message,
     closure_message,
+    closure_odometry_message,
     image_message,
     is_old_enough,
     loop_closure_message,
@@ -26,9 +26,11 @@ from convseq_ros.node.conversions import (
     pose_message,
 )
 from convseq_ros.node.map_topics import MapTopics, MatchMarkers
+from convseq_ros.node.match_picture import match_picture
 from convseq_ros.node.topics import advertise
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Float32, Float64MultiArray, Int32, Int64MultiArray, UInt32
@@ -57,11 +59,14 @@ _KINDS = {
     '~/answer': DiagnosticArray,
     '~/match_index': Int32,
     '~/match_score': Float32,
+    '~/confidence': Float32,
+    '~/latency_ms': Float32,
     '~/sequence_length': UInt32,
     '~/candidates': PointCloud2,
     '~/loop_closure': Float64MultiArray,
     '~/loop_closure_index': Int64MultiArray,
     '~/closure': PointCloud2,
+    '~/closure_odometry': Odometry,
     '~/pose': PoseWithCovarianceStamped,
     '~/debug_image': Image,
 }
@@ -78,7 +83,12 @@ class MatchPublishers:
         self.map_topics = MapTopics(node)
 
     def publish(
-        self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
+        self,
+        frame: Frame,
+        match: Match,
+        recognizer: PlaceRecognizer,
+        duration_ms: float,
+        latency_ms: float,
     ) -> PoseEstimate | None:
         """Publish the answer to a frame, -1 and 0 for none; return the estimated pose, if any."""
         best, accepted, config = match.best, match.accepted, self.config
@@ -90,6 +100,8 @@ class MatchPublishers:
         )
         send('~/match_index', lambda: Int32(data=accepted.reference_index if accepted else -1))
         send('~/match_score', lambda: Float32(data=best.score if best else 0.0))
+        send('~/confidence', lambda: Float32(data=match.confidence or 0.0))
+        send('~/latency_ms', lambda: Float32(data=latency_ms))
         send('~/sequence_length', lambda: UInt32(data=match.sequence_length))
         send('~/candidates', partial(candidates_message, match, places, config.map_frame))
         estimate = self._publish_accepted(match, accepted, recognizer) if accepted else None
@@ -120,6 +132,9 @@ class MatchPublishers:
         pair = [match.query_index, accepted.reference_index]
         self._send('~/loop_closure_index', lambda: Int64MultiArray(data=pair))
         self._send('~/closure', partial(closure_message, match, reference_map, frame, start))
+        self._send(
+            '~/closure_odometry', partial(closure_odometry_message, match, reference_map, start)
+        )
         estimate = estimate_pose(
             reference_map.places,
             accepted.reference_index,

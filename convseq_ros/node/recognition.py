@@ -32,7 +32,7 @@ from convseq_ros.sources.raw_message import RawMessage
 
 _LOG_PERIOD_S = 5.0
 _PATIENCE_S = 5.0  # at the end, for the place that is being linked
-Publish = Callable[[Frame, Match, PlaceRecognizer, float], None]
+Publish = Callable[[Frame, Match, PlaceRecognizer, float, float], None]
 
 
 class ResultLog:
@@ -139,7 +139,8 @@ class Recognition:
     """
     Answers frames one after another; neither a broken frame nor a full disk stops it.
 
-    `publish` gets each frame, its match, the recogniser that made it and the time in milliseconds.
+    `publish` gets each frame, its match, the recogniser that made it, the time that this took, and
+    the time since the image arrived, in milliseconds.
     """
 
     session: Pipeline  # the current one
@@ -240,7 +241,8 @@ class Recognition:
         self._save()
         match = replace(match, query_index=arrival.number)
         self.results.write(match, duration_ms)
-        self.publish(frame, match, cameras.of(frame.source), duration_ms)
+        latency_ms = (time.monotonic_ns() - arrival.arrival_ns) / 1e6
+        self.publish(frame, match, cameras.of(frame.source), duration_ms, latency_ms)
         self.statistics.answered(match, arrival.arrival_ns, duration_ms)
 
     def _drop_model(self, error: ModelError) -> None:

@@ -33,7 +33,9 @@ _M_TRIM_THRESHOLD = -1  # malloc.h of glibc: free memory that the heap keeps at 
 _KEPT_BYTES = 1 << 23  # two such images; with 128 kB, the default, each image allocates anew
 
 
-def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
+def run_until_signal(
+    make_node: Callable[[], Node], args: list[str] | None = None, name: str = 'vpr_node'
+) -> int:
     """Run a node until SIGINT or SIGTERM; return the exit code."""
     end_on_signal(0)
     keep_memory_at_hand()
@@ -43,7 +45,7 @@ def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = Non
         # rclpy's own handlers would shut ROS down in the middle of the work.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        return _refuse(error)
+        return _refuse(error, name)
     try:
         node = make_node()
         try:
@@ -52,7 +54,7 @@ def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = Non
         finally:
             node.destroy_node()
     except (ConvseqError, OSError) as error:
-        return _refuse(error)
+        return _refuse(error, name)
     finally:
         try_shutdown()
         ignore()
@@ -97,6 +99,6 @@ def _exit_if_busy() -> None:
         os._exit(0)
 
 
-def _refuse(error: Exception) -> int:
-    get_logger('vpr_node').error(one_line(error))
+def _refuse(error: Exception, name: str) -> int:
+    get_logger(name).error(one_line(error))
     return 1

@@ -28,6 +28,7 @@ from convseq_ros.node.image_subscription import image_subscriptions, QUEUE_BYTES
 from convseq_ros.node.life_cycle import ManagedNode, PATIENCE_S
 from convseq_ros.node.localization import LocalizationTopics
 from convseq_ros.node.map_services import MapServices
+from convseq_ros.node.measured_transform import MeasuredTransform
 from convseq_ros.node.parameters import declare
 from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers, open_fleet
@@ -124,6 +125,9 @@ class VprNode(ManagedNode):
         if fleet := open_fleet(self, config, self._config, self._chosen):
             opened.callback(fleet.close)
         self._fleet = fleet
+        self._transform = None
+        if config.publish_tf:
+            self._transform = MeasuredTransform(self, config, self._frame_context.odometry)
         self._localization = LocalizationTopics(self, config, self._situation, self._advice)
         self._diagnostics = Diagnostics(
             self, self._statistics, self._situation, self._advice, config.diagnostics_period_s
@@ -221,12 +225,19 @@ class VprNode(ManagedNode):
             self.listen()
 
     def _publish(
-        self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
+        self,
+        frame: Frame,
+        match: Match,
+        recognizer: PlaceRecognizer,
+        duration_ms: float,
+        latency_ms: float,
     ) -> None:
         if match.accepted:
             self._finder.settle()
-        estimate = self._answers.publish(frame, match, recognizer, duration_ms)
+        estimate = self._answers.publish(frame, match, recognizer, duration_ms, latency_ms)
         self._localization.update(match, estimate)
+        if self._transform and estimate:
+            self._transform.update(frame, match, estimate)
         if self._fleet and recognizer is self._recognition.session.recognizer:
             self._fleet.put(frame)
 
@@ -306,8 +317,10 @@ class VprNode(ManagedNode):
                 'frames_without_pose': odometry.missing,
                 'frames_without_depth': self._frame_context.depth.missing,
                 'depth_unreadable': self._frame_context.depth.unreadable,
+                **(self._transform.values if self._transform else {}),
             },
             fleet=self._fleet,
+            transform_problem=self._transform.problem if self._transform else '',
             model_problem=self._recognition.model_problem,
             stamp_problem=self._stamps.problem,
         )

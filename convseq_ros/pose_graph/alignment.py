@@ -38,18 +38,22 @@ def align_sessions(
         if not pairs:
             break
         best = max(pairs, key=lambda number: len(pairs[number]))
-        moves[best] = _agreed(pairs[best])
+        moves[best] = agreed(pairs[best])
     return {at: moves[session[at]] @ pose for at, pose in poses.items() if session[at] in moves}
 
 
-def _agreed(pairs: Sequence[tuple[Matrix, Matrix]]) -> Matrix:
-    """Return the motion that brings most poses to their goals; `pairs` are (goal, pose)."""
+def agreed(pairs: Sequence[tuple[Matrix, Matrix]]) -> Matrix:
+    """
+    Return the motion that brings most poses to their goals; none, if that is as good.
+
+    `pairs` are (goal, pose).
+    """
     goals = np.array([goal[:3, 3] for goal, _ in pairs])
     positions = np.array([pose[:3, 3] for _, pose in pairs])
-    best, most = np.eye(4), -1
-    for goal, pose in pairs[:: max(1, len(pairs) // ALIGNMENT.tried)]:
-        move = goal @ inverse(pose)
+    tried = pairs[:: max(1, len(pairs) // ALIGNMENT.tried)]
+    moves = [np.eye(4), *(goal @ inverse(pose) for goal, pose in tried)]
+    counts = []
+    for move in moves:
         errors_m = np.linalg.norm(positions @ move[:3, :3].T + move[:3, 3] - goals, axis=1)
-        if (count := int((errors_m <= ALIGNMENT.near_m).sum())) > most:
-            best, most = move, count
-    return best
+        counts.append(int((errors_m <= ALIGNMENT.near_m).sum()))
+    return moves[int(np.argmax(counts))]

@@ -47,11 +47,14 @@ def edges_of(poses: Poses, session: Sequence[int], links: Iterable[Link]) -> Ite
             sigma_rad = EDGE.least_rad + EDGE.of_turn * turn_rad
             sigmas = np.array([sigma_m] * 3 + [sigma_rad] * 3)
             yield Edge(start, end, moved, np.diag(sigmas**2), False)
-    floor = np.diag([EDGE.finest_m**2] * 3 + [EDGE.finest_rad**2] * 3)
     for link in links:
         relative = link.relative
         if relative and relative.pose and link.place in poses and link.other in poses:
-            moved = matrix(relative.pose)
-            to_end = np.kron(np.eye(2), moved[:3, :3].T)
-            covariance = to_end @ relative.covariance @ to_end.T + floor
-            yield Edge(link.other, link.place, moved, covariance, True)
+            yield link_edge(link.other, link.place, matrix(relative.pose), relative.covariance)
+
+
+def link_edge(start: int, end: int, moved: Matrix, covariance: Matrix) -> Edge:
+    """Return a loop closure; the covariance (6, 6) is in the axes of the start."""
+    to_end = np.kron(np.eye(2), moved[:3, :3].T)
+    floor = np.diag([EDGE.finest_m**2] * 3 + [EDGE.finest_rad**2] * 3)
+    return Edge(start, end, moved, to_end @ covariance @ to_end.T + floor, True)

@@ -2,62 +2,120 @@
 # SPDX-License-Identifier: Apache-2.0
 """The robust solution of a pose graph, by GTSAM: wrong loop closures are ignored."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from convseq_ros.core.rigid import Matrix
+from convseq_ros.core.types import constants, Doubles
 from convseq_ros.errors import ConvseqError, pip_install
 from convseq_ros.pose_graph.edges import Edge, Poses
 import numpy as np
 
-_HELD = 1e-4  # standard deviation of the first pose, metres and radians
+
+@constants
+class ROBUST:
+    """Graduated non-convexity with truncated least squares (Yang, RA-L 2020)."""
+
+    inlier: float = 16.81  # squared error of a right link, in variances: 99 % quantile, 6 numbers
+    growth: float = 1.4  # of the control parameter in each step, as in the paper
+    most_steps: int = 100
+    settled: float = 1e-3  # relative change of the cost at the end
+    held: float = 1e-4  # standard deviation of the first pose, metres and radians
 
 
-def optimise(edges: Iterable[Edge], start: Poses) -> dict[int, Matrix]:
-    """Return the optimised poses, by odometry and links; wrong links are ignored."""
-    gtsam = _gtsam()
-    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+@dataclass(frozen=True, eq=False, slots=True)
+class Solution:
+    """The optimised poses; for each usable link, in order, whether it counts and its error."""
+
+    poses: dict[int, Matrix]
+    kept: tuple[bool, ...]
+    errors: tuple[float, ...]  # in standard deviations
+
+
+def optimise(
+    edges: Iterable[Edge],
+    start: Poses,
+    held: Mapping[int, float] | None = None,
+    goes_on: Callable[[], bool] = lambda: True,
+) -> Solution:
+    """
+    Return the poses that fit odometry and links best; wrong links are ignored.
+
+    `held` are standard deviations, in metres and radians, of poses that stay near their start; by
+    default the first one does. Each step solves linear equations once, and is a call of C++: the
+    method as GTSAM has it solves all of them to the end, which takes a hundred times as long. It
+    ends early when `goes_on` returns False. ConvseqError if GTSAM is not installed.
+    """
+    gtsam = need_gtsam()
+    values, trusted = gtsam.Values(), gtsam.NonlinearFactorGraph()
     for index, pose in start.items():
         values.insert(index, gtsam.Pose3(pose))
-    first = min(start)
-    held = gtsam.noiseModel.Isotropic.Sigma(6, _HELD)
-    graph.add(gtsam.PriorFactorPose3(first, gtsam.Pose3(start[first]), held))
+    for index, sigma in (held or {min(start): ROBUST.held}).items():
+        noise = gtsam.noiseModel.Isotropic.Sigma(6, sigma)
+        trusted.add(gtsam.PriorFactorPose3(index, gtsam.Pose3(start[index]), noise))
     usable = [edge for edge in edges if edge.start in start and edge.end in start]
-    for edge in sorted(usable, key=lambda edge: edge.is_link):
-        turns_first = np.roll(edge.covariance, (3, 3), (0, 1))  # GTSAM's order
-        noise = gtsam.noiseModel.Gaussian.Covariance(turns_first)
-        moved = gtsam.Pose3(edge.moved)
-        graph.add(gtsam.BetweenFactorPose3(edge.start, edge.end, moved, noise))
-    result, _ = gnc_fit(graph, values, graph.size() - sum(edge.is_link for edge in usable))
-    return {index: np.asarray(result.atPose3(index).matrix()) for index in start}
+    for edge in usable:
+        if not edge.is_link:
+            trusted.add(_factor(gtsam, edge))
+    links = [edge for edge in usable if edge.is_link]
+    factors = [_factor(gtsam, edge) for edge in links]
+    squares = _squares(factors, values)
+    mu, cost = _first_control(squares), np.inf
+    weights = _weights(squares, mu)
+    for _ in range(ROBUST.most_steps):
+        graph = gtsam.NonlinearFactorGraph(trusted)
+        for edge, factor, weight in zip(links, factors, weights, strict=True):
+            if weight == 1.0:
+                graph.add(factor)
+            elif weight > 0.0:
+                graph.add(_factor(gtsam, edge, weight))
+        solver = gtsam.LevenbergMarquardtOptimizer(graph, values)
+        solver.iterate()
+        values, before, cost = solver.values(), cost, solver.error()
+        squares = _squares(factors, values)
+        is_decided = bool(np.isin(weights, (0.0, 1.0)).all())
+        if not goes_on() or (is_decided and before - cost <= ROBUST.settled * (cost + 1)):
+            break
+        mu *= ROBUST.growth
+        weights = _weights(squares, mu)
+    poses = {index: np.asarray(values.atPose3(index).matrix()) for index in start}
+    kept = tuple(bool(weight > 0.5) for weight in weights)
+    return Solution(poses, kept, tuple(np.sqrt(squares).tolist()))
 
 
-def gnc_fit(graph: Any, start: Any, trusted: int, share: float = 0.99) -> tuple[Any, list[bool]]:
-    """
-    Return the optimised values of a GTSAM graph, and which further factors they agree with.
-
-    The first `trusted` factors are trusted. A further one counts if its error is below the
-    `share` quantile of a right factor's error, by graduated non-convexity (Yang, RA-L 2020).
-    """
-    gtsam = _gtsam()
-    # The least squares start of the method; it is the result if all factors are trusted.
-    start = gtsam.LevenbergMarquardtOptimizer(graph, start).optimize()
-    if graph.size() == trusted:
-        return start, []
-    settings = gtsam.GncLMParams()
-    settings.setLossType(gtsam.GncLossType.TLS)
-    settings.setKnownInliers([*range(trusted)])
-    optimizer = gtsam.GncLMOptimizer(graph, start, settings)
-    optimizer.setInlierCostThresholdsAtProbability(share)
-    result = optimizer.optimize()
-    return result, [bool(weight > 0.5) for weight in optimizer.getWeights()[trusted:]]
+def _factor(gtsam: Any, edge: Edge, weight: float = 1.0) -> Any:
+    turns_first = np.roll(edge.covariance, (3, 3), (0, 1))  # GTSAM's order
+    noise = gtsam.noiseModel.Gaussian.Covariance(turns_first / weight)
+    return gtsam.BetweenFactorPose3(edge.start, edge.end, gtsam.Pose3(edge.moved), noise)
 
 
-def _gtsam() -> Any:
+def _squares(factors: Iterable[Any], values: Any) -> Doubles:
+    """Return the squared errors (n,) of factors, in variances."""
+    return np.array([2 * factor.error(values) for factor in factors])
+
+
+def _first_control(squares: Doubles) -> float:
+    """Return the control parameter with which the problem is still convex."""
+    excess = 2 * float(squares.max(initial=0.0)) - ROBUST.inlier
+    return ROBUST.inlier / excess if excess > 0 else np.inf
+
+
+def _weights(squares: Doubles, mu: float) -> Doubles:
+    """Return the weights (n,) of links in [0, 1]."""
+    if not np.isfinite(mu):
+        return np.array(squares <= ROBUST.inlier, np.float64)
+    partly = np.sqrt(ROBUST.inlier * mu * (mu + 1) / np.maximum(squares, 1e-12)) - mu
+    inner, outer = ROBUST.inlier * mu / (mu + 1), ROBUST.inlier * (mu + 1) / mu
+    return np.where(squares <= inner, 1.0, np.where(squares >= outer, 0.0, partly))
+
+
+def need_gtsam() -> Any:
+    """Return the module; ConvseqError if it is not installed."""
     try:
         import gtsam
     except ImportError:
         raise ConvseqError(
-            f'gtsam is not installed, which brings sessions into one frame: {pip_install("gtsam")}'
+            f'gtsam is not installed, which solves pose graphs: {pip_install("gtsam")}'
         ) from None
     return gtsam

@@ -131,10 +131,10 @@ def open_annotated(
     """
     Open a source as `open_source`, with poses, camera and depth from topics or files.
 
-    `odom` is a topic of poses, `poses` a file as for `read_pose_file`;
-    `camera_info` a topic, or a file as for `read_camera_file`; `depth` a topic, or a folder, of
-    images registered to the camera. Where the camera is on the robot is read from /tf_static of a
-    recording, as `tf` says. SourceError if any of them cannot be read.
+    `odom` is a topic of poses, `poses` a text file of them, as TUM or KITTI write it;
+    `camera_info` a topic, a YAML file of ROS or a calib.txt of KITTI; `depth` a topic, or a
+    folder, of images registered to the camera. Where the camera is on the robot is read from
+    /tf_static of a recording, as `tf` says. SourceError if any of them cannot be read.
     """
     source = open_source(path, topic, reading)
     if odom and poses:

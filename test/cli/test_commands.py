@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 
-from convseq_ros.cli import COMMANDS, main, MOVED, replay
+from convseq_ros.cli import COMMANDS, main, replay
 from convseq_ros.cli.options import chosen_images
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.io.results import read_results
@@ -143,12 +143,6 @@ def test_every_command_has_help(command, capsys):
     with pytest.raises(SystemExit) as ended:
         main([command, '--help'])
     assert not ended.value.code and f'{command} ' in capsys.readouterr().out
-
-
-@pytest.mark.parametrize('command', MOVED)
-def test_a_command_that_moved_names_the_new_one(command, capsys):
-    assert main([command, 'map.db', '--json']) == 1
-    assert capsys.readouterr().err == f'convseq {command}: is now: convseq map {command}\n'
 
 
 def test_without_a_command_all_of_them_are_listed(capsys):

@@ -2,15 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """`convseq map link` and `unlink`: drives find each other and their own way, and part again."""
 
+from contextlib import closing
 from dataclasses import replace
 import json
 import math
+import shutil
 
 from convseq_ros.cli import main
 from convseq_ros.cli.map_picture import laid_out
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map import edit
+from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.edit import relinked, unlink
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Place
@@ -60,8 +63,8 @@ def test_two_drives_are_linked_brought_together_and_drawn(driven, tmp_path, caps
     pytest.importorskip('gtsam')
     pytest.importorskip('matplotlib')
     path, truth = driven
-    files = [tmp_path / name for name in ('graph.g2o', 'one.db', 'drives.png')]
-    options = zip(('--g2o', '-o', '--picture'), map(str, files), strict=True)
+    files = [tmp_path / name for name in ('graph.g2o', 'one.db', 'drives.png', 'tum.txt')]
+    options = zip(('--g2o', '-o', '--picture', '--tum'), map(str, files), strict=True)
     asked = (one for pair in options for one in pair)
     assert main(['map', 'link', str(path), *asked, '--json']) == 0
     links = json.loads(capsys.readouterr().out)
@@ -84,6 +87,9 @@ def test_two_drives_are_linked_brought_together_and_drawn(driven, tmp_path, caps
     measured = sum(link['position_m'] is not None for link in links)
     assert sum(line.startswith('EDGE') for line in lines) == 2 * (PLACES - 1) + measured
     assert files[2].stat().st_size > 10_000
+    rows = [line.split() for line in files[3].read_text().splitlines()]
+    stamps = sorted(place.stamp_ns for place in opened.places)
+    assert [int(row[0].replace('.', '')) for row in rows] == stamps
 
 
 def made(count, wrong=0):
@@ -118,7 +124,7 @@ def test_a_session_lies_where_most_links_say(wrong):
     poses, session = posed(whole)
     edges = [*edges_of(poses, session, links)]
     start = align_sessions(poses, session, edges)
-    found = optimise(edges, start)
+    found = optimise(edges, start).poses
     for at in range(20):
         assert np.allclose(found[20 + at][:3, 3], (at, 1.0, 0.0), atol=0.05)
 
@@ -345,3 +351,17 @@ def test_a_layout_keeps_distances_along_a_drive_and_brings_looks_together(path):
     unlink(path)
     apart = laid_out(open_map(path))  # three drives that share nothing lie side by side
     assert len({tuple(point.round(3)) for point in apart.values()}) == 3 * ROUND
+
+
+def test_what_a_killed_link_left_is_taken_in_by_the_next(driven, tmp_path, capsys):
+    path, killed = driven[0], tmp_path / 'killed.db'
+    opened = open_map(path)
+    grown = tmp_path / 'grown.db'
+    shutil.copy(path, grown)
+    with closing(Autosave(grown, opened.encoding, opened.keyframes, True)):
+        for end in ('', '-wal', '-shm'):  # all that is there when it is killed now
+            shutil.copy(f'{grown}{end}', f'{killed}{end}')
+    assert killed.with_name('killed.db-wal').exists()
+    assert main(['map', 'link', str(killed), '--json']) == 0
+    assert [one.name for one in tmp_path.iterdir() if 'killed' in one.name] == ['killed.db']
+    assert [*open_map(killed).links] == [*opened.links]

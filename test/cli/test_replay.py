@@ -62,6 +62,21 @@ def test_the_second_round_is_recognised_in_the_first(two_rounds, tmp_path, repla
     assert [place.stamp_ns for place in open_map(path).places] == stamps
 
 
+def test_poses_of_accepted_frames_are_a_trajectory_for_evo(two_rounds, tmp_path, replay, capsys):
+    file_interface = pytest.importorskip('evo.tools.file_interface')
+    path, poses, trajectory = tmp_path / 'new.db', tmp_path / 'poses.txt', tmp_path / 'tum.txt'
+    stamps = [frame.stamp_ns for frame in open_source(two_rounds)]
+    rows = [f'{at / 1e9:.9f} {at_m} 0 0 0 0 0 1' for at_m, at in enumerate(stamps)]
+    poses.write_text('\n'.join(rows) + '\n')
+    _, table = replay(two_rounds, path, *ONLINE, '--poses', str(poses), '--tum', str(trajectory))
+    read = file_interface.read_tum_trajectory_file(str(trajectory))
+    accepted = [row for row in table if row['reason'] == 'accepted']
+    assert len(accepted) == ROUND - 1 == read.num_poses
+    assert read.positions_xyz[:, 0].tolist() == [int(row['reference_index']) for row in accepted]
+    code, error = replay(two_rounds, tmp_path / 'none.db', *ONLINE, '--tum', str(trajectory))
+    assert code == 1 and 'no accepted place has a pose; build the map with --odom' in error
+
+
 def test_preloaded_never_writes(two_rounds, tmp_path, replay):
     path = tmp_path / 'map.db'
     replay(two_rounds, path, *ONLINE)

@@ -83,7 +83,7 @@ def test_a_session_is_seen_from_what_it_usually_shows(described):
     coarse = CoarseScores(made)
     coarse.update(described(3))
     direction = (park[7] - park.mean(axis=0)).astype(np.float32)
-    row = coarse._centred.row(made.global_descriptors, made.bounds.starts, direction)
+    row = coarse._whitened.row(made.global_descriptors, made.bounds.starts, direction)
     assert row.argmax() == len(town) + 7
     # Less what the session usually shows, which the map's mean, as 20 places, draws near.
     assert abs(row[len(town) :].mean()) < 0.3 * row.max()

@@ -5,7 +5,7 @@
 from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.geometry import numpy_kernels
-from convseq_ros.core.geometry.displacement import arranged, followed
+from convseq_ros.core.geometry.displacement import arranged
 from convseq_ros.core.geometry.structure import Structure
 from convseq_ros.core.geometry.verification import MOTION, NOTHING, Verification
 from convseq_ros.core.geometry.verification import verify as verify_all
@@ -70,26 +70,6 @@ def test_a_shift_beyond_the_search_is_not_found(kernel):
     assert len(kernel.displacements(query, reference, (0, -2))) > 500
     assert len(kernel.displacements(query, reference, (0, 0))) < 150
     assert len(kernel.displacements(query, reference, (0, 12))) < 150
-
-
-@pytest.mark.parametrize(('moved', 'zoom'), [((0, 7), 1.0), ((-6, 0), 1.0), ((0, 0), 1.7)])
-def test_regions_are_followed_beyond_the_search(moved, zoom):
-    # A region that is 10 cells off the middle moves 7 if the other image is 1.7 times as large.
-    query = view(scene(1, 90), 30, 30)
-    other = view(scene(1, 90), 30 - moved[0] / zoom, 30 - moved[1] / zoom, 1 / zoom)
-    grid = np.indices((SIDE, SIDE)).reshape(2, -1).T
-    truth = (grid - 14.5) * zoom + 14.5 + moved
-    # What is expected is off by a cell and a half, as a first guess may be.
-    places = followed(query, other, truth - grid + (1.0, -1.5))
-    known = np.isfinite(places).all(axis=1)
-    inside = ((truth >= 2) & (truth <= SIDE - 3)).all(axis=1)
-    assert known[inside].mean() > 0.85
-    assert np.median(abs(places - truth)[known & inside]) < 0.15
-
-
-def test_no_region_is_followed_out_of_the_image():
-    query, nowhere = view(scene(1)), np.full((SIDE**2, 2), 100.0)
-    assert np.isnan(followed(query, query, nowhere)).all()
 
 
 @each

@@ -328,21 +328,30 @@ def damaged(ended, tmp_path, change):
     return path
 
 
-@pytest.mark.parametrize(
-    'at', [0, 9, 17, 25, 32, 36, 32 + 9, 32 + 17, 32 + 21, 32 + 30, 32 + FRAME - 1, -1, -FRAME]
-)
+@pytest.mark.parametrize('at', [0, 9, 17, 25, 32, 36, 32 + 17, 32 + 21, 32 + 30, 32 + FRAME - 1])
 @pytest.mark.parametrize(
     'open_it', [MapReader, lambda path: MapWriter(path, ENCODING, APART, True)]
 )
-def test_a_flipped_bit_of_what_was_committed_is_told(ended, tmp_path, at, open_it):
+def test_damage_that_commits_follow_is_told(ended, tmp_path, at, open_it):
+    def flip(data):
+        data[at] ^= 16
+
+    if at >= 32 and ended[1] == 4:
+        pytest.skip('a damaged last commit is passed over')
+    path = damaged(ended, tmp_path, flip)
+    before = path.with_name('map.db-wal').read_bytes()
+    with pytest.raises(MapError, match=r'map\.db-wal: damaged at byte \d+; .* opens without them'):
+        open_it(path)
+    assert path.with_name('map.db-wal').read_bytes() == before
+
+
+@pytest.mark.parametrize('at', [-1, -FRAME])
+def test_a_damaged_last_commit_is_passed_over_like_half_a_commit(ended, tmp_path, at):
     def flip(data):
         data[at] ^= 16
 
     path = damaged(ended, tmp_path, flip)
-    before = path.with_name('map.db-wal').read_bytes()
-    with pytest.raises(MapError, match=r'map\.db-wal: damaged at byte \d+; .* restore it'):
-        open_it(path)
-    assert path.with_name('map.db-wal').read_bytes() == before
+    assert len(MapReader(path)) == (ended[1] - 1 if ended[1] > 4 else 2)
 
 
 @pytest.mark.parametrize('size', [0, 3, 1000, 1 << 31])

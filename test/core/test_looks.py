@@ -12,7 +12,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import build_map, MapBuilder
 from convseq_ros.core.pipeline import Pipeline
-from convseq_ros.core.types import Anchor, Candidate, Frame, Match, Reason, Status
+from convseq_ros.core.types import Anchor, Candidate, Frame, Match, Reason
 from convseq_ros.errors import MapError
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -149,17 +149,12 @@ def test_a_removal_that_fails_leaves_the_map_as_it_is(path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ('status', 'reason', 'known'),
-    [
-        (Status.ACCEPTED, Reason.ACCEPTED, 7),
-        (Status.REJECTED, Reason.COOL_DOWN, 7),
-        (Status.REJECTED, Reason.WEAK, None),
-        (Status.REJECTED, Reason.AMBIGUOUS, None),
-    ],
+    ('reason', 'known'),
+    [(Reason.ACCEPTED, 7), (Reason.COOL_DOWN, 7), (Reason.WEAK, None), (Reason.AMBIGUOUS, None)],
 )
-def test_known_is_what_was_accepted_however_low_its_confidence(status, reason, known):
+def test_known_is_what_was_accepted_however_low_its_confidence(reason, known):
     best = (Candidate(7, 1, 0.25),)
-    assert recognised_place(Match(3, 1, status, reason, best, 2, confidence=0.5)) == known
+    assert recognised_place(Match(3, 1, reason, best, 2, confidence=0.5)) == known
     assert recognised_place(None) is None
 
 

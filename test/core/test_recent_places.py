@@ -126,17 +126,6 @@ def test_the_way_back_over_the_same_view_is_a_return(wall):
         assert abs(seen - (2 * len(there) - 1 - match.query_index)) <= 3
 
 
-def test_frames_that_are_described_ahead_make_nothing_else_usable(wall):
-    frames = along(wall, *WAYS['as it comes'])
-    _, expected = driven(frames)
-    recognizer, _ = driven([])
-    found = []
-    for start in range(0, len(frames), 30):
-        recognizer.expect(frames[start : start + 30])
-        found += [recognizer.process(frame) for frame in frames[start : start + 30]]
-    assert [one.reason for one in found] == [one.reason for one in expected]
-
-
 def test_the_line_about_what_is_gone_tells_the_number():
     for name in ('exclusion_s', 'exclusion_m'):
         assert f'the drive is {RECENT.keyframes} keyframes past them' in RETIRED[name]

@@ -188,11 +188,10 @@ def test_a_position_that_is_not_sure_is_not_told():
 
 
 @pytest.mark.parametrize(
-    ('share', 'first_share', 'is_told'),
-    [(0.6, None, True), (0.45, None, False), (0.6, 0.3, False)],
+    ('share', 'is_told', 'explains'), [(0.6, True, True), (0.45, False, True), (0.3, False, False)]
 )
-def test_a_position_with_which_few_regions_agree_is_not_told(share, first_share, is_told):
-    found = alignment(np.eye(6) * 1e-6, share=share, first_share=first_share)
+def test_a_position_with_which_few_regions_agree_is_not_told(share, is_told, explains):
+    found = alignment(np.eye(6) * 1e-6, share=share)
     pose = base_pose(found, ROBOT_LENS, ROBOT_LENS)
     assert (pose.position_m is not None) is is_told
-    assert pose.explains is (first_share is None)
+    assert pose.explains is explains

@@ -89,7 +89,7 @@ SESSIONS = st.builds(
 )
 
 
-def by_definition(rows, end, bounds, partial):
+def by_definition(rows, end, bounds):
     """Return what the diagonal that ends at a place scores, pair by pair."""
     first, stop = bounds.span(end)
     pairs = [
@@ -100,23 +100,18 @@ def by_definition(rows, end, bounds, partial):
     known = np.isfinite(pairs)
     if not known[0] or 2 * known.sum() < len(rows):
         return -np.inf
-    if not partial:
-        return pairs[known].mean() if end - len(rows) + 1 >= first else -np.inf
-    shown = [row is not None for row in rows]
-    means = [np.nanmean(row) if row is not None and np.isfinite(row).any() else 0 for row in rows]
-    return np.where(known, pairs, means)[shown].mean()
+    return pairs[known].mean() if end - len(rows) + 1 >= first else -np.inf
 
 
-@pytest.mark.parametrize('partial', [False, True])
 @given(rows=DRAWN, bounds=SESSIONS)
-def test_scores_are_those_of_the_definition(partial, rows, bounds):
+def test_scores_are_those_of_the_definition(rows, bounds):
     some = np.arange(0, len(rows[0]), 1 + len(rows[0]) // 40)
-    expected = [by_definition(rows, end, bounds, partial) for end in some.tolist()]
-    found = sequence_scores(rows, partial=partial, bounds=bounds)
+    expected = [by_definition(rows, end, bounds) for end in some.tolist()]
+    found = sequence_scores(rows, bounds=bounds)
     assert found.shape == (len(rows[0]),)
     assert found[some] == pytest.approx(expected, abs=1e-5)
-    if not partial:  # ends that are chosen score what they score among all
-        assert sequence_scores(rows, some, bounds=bounds) == pytest.approx(expected)
+    # Ends that are chosen score what they score among all.
+    assert sequence_scores(rows, some, bounds=bounds) == pytest.approx(expected)
 
 
 def test_a_diagonal_meets_a_reference_for_each_frame_ahead_or_backwards():

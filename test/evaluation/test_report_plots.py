@@ -3,10 +3,10 @@
 """The pictures of the demo, the report and ~/debug_image."""
 
 from convseq_ros.core.map.image_coding import thumbnail
-from convseq_ros.core.types import Candidate, Frame, Match, Reason, Status
+from convseq_ros.core.types import Candidate, Frame, Match, Reason
 from convseq_ros.evaluation import plots
-from convseq_ros.evaluation.match_picture import match_picture
 from convseq_ros.evaluation.plots import reduced
+from convseq_ros.node.match_picture import match_picture
 import cv2
 import numpy as np
 import pytest
@@ -32,9 +32,9 @@ def test_a_large_matrix_is_reduced_and_keeps_its_thin_path():
     assert max(small.shape) <= 320 and small.max() == 1
 
 
-ACCEPTED = Match(3, 9, Status.ACCEPTED, Reason.ACCEPTED, (Candidate(5, 8, 0.75),), 2)
+ACCEPTED = Match(3, 9, Reason.ACCEPTED, (Candidate(5, 8, 0.75),), 2)
 
-SKIPPED = Match(3, 9, Status.SKIPPED, Reason.UNREADABLE)
+SKIPPED = Match(3, 9, Reason.UNREADABLE)
 
 NONE = np.zeros((0, 5))
 

@@ -15,15 +15,7 @@ pytest.importorskip('sensor_msgs.msg', reason="needs ROS: pip install '.[ros]'")
 
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import (
-    Candidate,
-    Frame,
-    Match,
-    Reason,
-    RelativePose,
-    Status,
-    UNKNOWN_M2,
-)
+from convseq_ros.core.types import Candidate, Frame, Match, Reason, RelativePose, UNKNOWN_M2
 from convseq_ros.node.conversions import CLOSURE, closure_message, LAYOUT
 import numpy as np
 from read_closure import read_closure, stamp_ns
@@ -47,7 +39,7 @@ def reference_map():
 def closure(reference_map, relative_pose=MEASURED, session_start=3):
     best = Candidate(2, REFERENCE_NS, 0.8, inliers=88)
     match = Match(
-        41, QUERY_NS, Status.ACCEPTED, Reason.ACCEPTED, (best,), 5, 9, 0.75,
+        41, QUERY_NS, Reason.ACCEPTED, (best,), 5, 9, 0.75,
         relative_pose=relative_pose,
     )  # fmt: skip
     return closure_message(match, reference_map, 'base_link', session_start)

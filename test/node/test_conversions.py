@@ -5,7 +5,7 @@
 from dataclasses import replace
 
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
+from convseq_ros.core.types import Candidate, Match, Pose, Reason
 from convseq_ros.node.conversions import CANDIDATE, candidates_message, stamp_from_ns, stamp_to_ns
 from hypothesis import given, strategies
 import numpy as np
@@ -13,7 +13,7 @@ import pytest
 
 STAMP_NS = 1_700_000_000_123_456_789
 CANDIDATES = (Candidate(7, STAMP_NS - 60_000_000_000, 0.875), Candidate(2, 5, 0.5))
-MATCH = Match(11, STAMP_NS, Status.ACCEPTED, Reason.ACCEPTED, CANDIDATES, sequence_length=4)
+MATCH = Match(11, STAMP_NS, Reason.ACCEPTED, CANDIDATES, sequence_length=4)
 POSE = Pose((1.0, -2.0, 0.5), (0.0, 0.0, 0.6, 0.8))
 
 

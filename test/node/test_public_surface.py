@@ -133,7 +133,7 @@ def messages() -> Iterator[str]:
 
 def on_the_graph(client: Any, vpr: Any) -> dict[str, list[str]]:
     """Return the topics and services of a node that has all of them."""
-    node = vpr(publish_initial_pose='true', fleet='tcp://127.0.0.1:1')
+    node = vpr(publish_initial_pose='true', publish_tf='true', fleet='tcp://127.0.0.1:1')
     who = node.get_name(), node.get_namespace()
 
     def told(find: Any) -> list[str]:
@@ -227,7 +227,9 @@ def allowed(group, kind):
 
 def test_the_policy_names_what_the_node_uses(client, vpr):
     # With all that only some nodes have.
-    node = vpr(lifecycle='true', publish_initial_pose='true', fleet='tcp://127.0.0.1:1')
+    node = vpr(
+        lifecycle='true', publish_initial_pose='true', publish_tf='true', fleet='tcp://127.0.0.1:1'
+    )
     assert node.trigger_configure().name == 'SUCCESS'
     assert node.trigger_activate().name == 'SUCCESS'
     who = node.get_name(), node.get_namespace()

@@ -11,7 +11,7 @@ from convseq_ros.config import make_config
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Camera, Match, Pose, Reason, Status
+from convseq_ros.core.types import Camera, Match, Pose, Reason
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.io.results import read_results, ResultWriter
 from convseq_ros.node import diagnostics, progress_log
@@ -55,7 +55,7 @@ class Setup:
             self.ros_is_up,
         )
 
-    def publish(self, frame, match, recognizer, _):
+    def publish(self, frame, match, recognizer, *_times):
         self.published.append((frame, match, len(recognizer.reference_map)))
 
     def handle(self, message, number):
@@ -216,7 +216,7 @@ def test_drops_are_told_with_their_cause_and_numbers_of_queries_count_them(
 
 
 def match(index):
-    return Match(index, index, Status.SKIPPED, Reason.WARMING_UP)
+    return Match(index, index, Reason.WARMING_UP)
 
 
 def test_a_full_disk_is_told_once_and_counted(tmp_path, monkeypatch):

@@ -27,7 +27,7 @@ class BELIEF:
 
     # Hypotheses for the velocity relative to the drive of the map, in places per keyframe.
     velocities: tuple[float, ...] = (0.0, 0.5, 0.8, 1.0, 1.25, 2.0, 3.0, 4.5, 6.0)
-    sigma_places: float = 0.55  # of a keyframe's position between two places of the map
+    sigma_places: float = 0.55  # noise of the position per step, in places
     # Shares of mass that move, per keyframe.
     # To other velocities; also the prior of drives that meet the places in reverse order.
     changing: float = 0.01

@@ -95,7 +95,7 @@ class FrameGate:
             return Verdict(Reason.BETWEEN_KEYFRAMES, self._blank)
         seen = None if gray is None else glance(gray)
         still = self._standstill.is_sure(pose, seen)
-        # If scenes are compared, a still image does not decide yet: it may only set the reason.
+        # With scene spacing, standstill only names the reason.
         if still and not (self._by_scene and self._standstill.needs_image(pose)):
             return self._not_keyframe(still, pose, seen, self._blank)
         if self._by_scene and self._glances.is_sure(seen):

@@ -22,7 +22,7 @@ class GLANCE:
     least_edge: float = 0.3  # smallest RMS of edges, in roots of a grey level, for a glance
     memory: int = 5  # number of recent safe distances in use
     share: float = 0.9  # of the smallest recent safe distance: closer frames are near
-    surprise: float = 0.7  # of that distance is safe, if a far frame came without a near one
+    surprise: float = 0.7  # fraction used when no near frame preceded a far one
     beside: float = 0.25  # of that distance from the furthest near frame: still near
     # Twice the largest distance in 262 pairs of images with an overlap of 98.5 %: with noise, 3 %
     # to 100 % of the light, and shifts of up to 4 pixels.

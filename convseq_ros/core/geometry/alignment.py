@@ -66,7 +66,6 @@ class Alignment:
     baseline_m: float = math.inf  # between the images that gave the depths
     # (k, 3), positions of these images from the reference's lens.
     neighbours: Doubles = field(default_factory=lambda: np.zeros((0, 3)))
-    first_share: float | None = None  # `share` before guided search, if there was one
 
 
 def align(
@@ -122,7 +121,7 @@ def start_by_points(structure: Structure, sight: Sight) -> Matrix | None:
     return None
 
 
-def unshrunk(found: Alignment, along: Doubles | None) -> Alignment:
+def correct_parallax_loss(found: Alignment, along: Doubles | None) -> Alignment:
     """
     Return a motion with a corrected part across the map's way, and the turn that compensates it.
 

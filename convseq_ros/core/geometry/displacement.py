@@ -9,7 +9,6 @@ from convseq_ros.core.compiled import address, kernels_of
 from convseq_ros.core.encoding.regions import REGION, Regions
 from convseq_ros.core.geometry.structure import Points
 from convseq_ros.core.types import constants, Floats
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -33,7 +32,7 @@ class FIELD:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Arranged:
+class PackedRegions:
     """The regions of an image as bytes in the layout of the kernels; equal to itself only."""
 
     # (side, 8, wide), aligned to a cache line: each word holds four bytes of a region; rows are
@@ -53,7 +52,7 @@ class Arranged:
         return words.view(np.int8).reshape(self.side**2, -1) * np.float32(1 / FIELD.scale)
 
 
-def arranged(regions: Regions) -> Arranged:
+def arranged(regions: Regions) -> PackedRegions:
     """Return regions (side ** 2, 32), of at most unit length, for the kernels; NaN becomes 0."""
     side = isqrt(len(regions))
     wide = -(-side // _SPREAD) * _SPREAD
@@ -62,7 +61,7 @@ def arranged(regions: Regions) -> Arranged:
     first = border + -address(room) % 64 // 4
     rows = room[first : first + count].reshape(side, _WORDS, wide)
     kernels_of(__package__).arrange(regions, rows)
-    return Arranged(rows)
+    return PackedRegions(rows)
 
 
 def weights() -> Floats:
@@ -72,7 +71,7 @@ def weights() -> Floats:
     return np.asarray(window / window.sum(), np.float32)
 
 
-def found_in(regions: Arranged, other: Arranged, start: tuple[int, int]) -> Points:
+def found_in(regions: PackedRegions, other: PackedRegions, start: tuple[int, int]) -> Points:
     """
     Return where regions lie in another image, rows and columns (n, 2); NaN if not found.
 
@@ -82,33 +81,3 @@ def found_in(regions: Arranged, other: Arranged, start: tuple[int, int]) -> Poin
     places = np.full((regions.side**2, 2), np.nan)
     places[(field[:, 0] * regions.side + field[:, 1]).astype(int)] = field[:, :2] + field[:, 2:4]
     return places
-
-
-def followed(regions: Arranged, other: Arranged, went: Points) -> Points:
-    """
-    Return `found_in` of a search that is guided by expected displacements, `went` (n, 2).
-
-    The other image is warped so that regions with the expected displacement do not move. Then no
-    region leaves the search, and neighbours move together. Ours: large parallax is not smoothed
-    away.
-    """
-    side = regions.side
-    grid = np.indices((side, side)).reshape(2, -1).T.astype(np.float64)
-    expected = _image(grid + went, side)
-    warped = cv2.remap(
-        _image(other.regions, side), expected[..., 1], expected[..., 0], cv2.INTER_LINEAR
-    )
-    places = found_in(regions, arranged(warped.reshape(side**2, -1)), (0, 0))
-    known = np.isfinite(places).all(axis=1)
-    if known.any():
-        at, edge = places[known].astype(np.float32), cv2.BORDER_REPLICATE
-        moved = cv2.remap(
-            _image(went, side), at[:, 1], at[:, 0], cv2.INTER_LINEAR, borderMode=edge
-        )
-        places[known] = at + moved.reshape(-1, 2)
-    places[((places < -0.5) | (places > side - 0.5)).any(axis=1)] = np.nan
-    return places
-
-
-def _image(numbers: npt.NDArray[np.floating], side: int) -> Floats:
-    return np.ascontiguousarray(numbers, np.float32).reshape(side, side, -1)

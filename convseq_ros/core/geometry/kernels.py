@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from convseq_ros.core.compiled import address, array, DOUBLE, FLOAT, kernel, SIZE
 from convseq_ros.core.encoding.regions import Regions
-from convseq_ros.core.geometry.displacement import Arranged, Displacements, FIELD, weights
+from convseq_ros.core.geometry.displacement import Displacements, FIELD, PackedRegions, weights
 from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
 from convseq_ros.core.geometry.verification import initial_motion, MOTION, Motion
 from convseq_ros.core.types import Doubles
@@ -35,7 +35,9 @@ def arrange(regions: Regions, rows: npt.NDArray[np.int32]) -> None:
     _arrange(np.ascontiguousarray(regions, np.float32), len(rows), FIELD.scale, rows)
 
 
-def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) -> Displacements:
+def displacements(
+    query: PackedRegions, reference: PackedRegions, start: tuple[int, int]
+) -> Displacements:
     """Return `numpy_kernels.displacements`, to 1e-4 cells."""
     rows, count = np.empty((query.side**2, 5), np.float32), np.zeros(1, np.int64)
     _displacements(query.rows, reference.rows, query.side, *start, *_OF_FIELD, rows, count)
@@ -50,7 +52,7 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
 
 
 def verified(
-    query: Arranged, references: Sequence[Arranged], starts: Sequence[tuple[int, int]]
+    query: PackedRegions, references: Sequence[PackedRegions], starts: Sequence[tuple[int, int]]
 ) -> Doubles:
     """Return `numpy_kernels.verified`."""
     results = np.empty((len(references), 3))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from convseq_ros.core.encoding.regions import REGION, Regions
-from convseq_ros.core.geometry.displacement import Arranged, Displacements, FIELD, weights
+from convseq_ros.core.geometry.displacement import Displacements, FIELD, PackedRegions, weights
 from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
 from convseq_ros.core.geometry.verification import initial_motion, MOTION, Motion
 from convseq_ros.core.rigid import turned_by
@@ -29,7 +29,9 @@ def arrange(regions: Regions, rows: npt.NDArray[np.int32]) -> None:
     rows[:, :, :side] = words.reshape(side, side, -1).transpose(0, 2, 1)
 
 
-def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) -> Displacements:
+def displacements(
+    query: PackedRegions, reference: PackedRegions, start: tuple[int, int]
+) -> Displacements:
     """
     Return the regions of a query that are points in a reference and back, (n, 5).
 
@@ -75,7 +77,7 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
 
 
 def verified(
-    query: Arranged, references: Sequence[Arranged], starts: Sequence[tuple[int, int]]
+    query: PackedRegions, references: Sequence[PackedRegions], starts: Sequence[tuple[int, int]]
 ) -> Doubles:
     """Return inliers, strength, and its upper half, of a query with n references: (n, 3)."""
     results = np.empty((len(references), 3))
@@ -103,7 +105,7 @@ def _moved(images: Floats, start: Sequence[int], fill: float) -> Floats:
     return moved
 
 
-def _tried(query: Arranged, reference: Arranged, start: tuple[int, int]) -> Floats:
+def _tried(query: PackedRegions, reference: PackedRegions, start: tuple[int, int]) -> Floats:
     """Return similarities (side, side, span, span) by place and displacement; 0 if outside."""
     # The reference is shifted by the first displacement of the search and padded with zeros.
     side, wide = query.side, query.side + _SPAN - 1

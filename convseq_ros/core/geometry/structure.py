@@ -9,7 +9,6 @@ the odometry that made the map.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isqrt
 
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.rigid import Matrix
@@ -102,7 +101,6 @@ class DEPTH:
     # Share of the median depth; nearer regions move beyond the search and are not used.
     nearest_share: float = 0.5
     usual_inverse_m: float = 0.05  # assumed for regions of unknown depth, to guess their motion
-    smooth_regions: float = 1.5  # sigma of a Gaussian over neighbours' depths; 2.5 is no better
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -149,16 +147,6 @@ def triangulate(rays: Doubles, sights: Sequence[Sight]) -> Structure:
         inverse = (inverse - step).clip(0.0, 1 / DEPTH.nearest_m)
     information[information < DEPTH.least_information] = 0
     return Structure(rays, inverse, information)
-
-
-def smoothed(structure: Structure) -> Doubles:
-    """Return inverse depths (n,) of a square of regions, smoothed and without gaps."""
-    side = isqrt(len(structure.rays))
-    weight = structure.information.reshape(side, side)
-    images = weight * structure.inverse_m.reshape(side, side), weight
-    blurred = [cv2.GaussianBlur(image, (0, 0), DEPTH.smooth_regions) for image in images]
-    (sums, weights), prior = (image.ravel() for image in blurred), DEPTH.least_information
-    return np.asarray((sums + prior * DEPTH.usual_inverse_m) / (weights + prior))
 
 
 def with_depths(rays: Doubles, depths_m: Doubles) -> Structure:

@@ -34,8 +34,6 @@ class ERROR:
     cells: Spread = Spread(
         across=2.9, down=1.3, ahead=2.5, share_power=0.2, far=0.15, position_m=0.01, turn_rad=0.001
     )
-    # For alignments by guided search.
-    followed: Spread = replace(cells, across=2.5, down=2.1, ahead=2.3, share_power=0.3)
     # Real roads include odometry errors; on drawn streets smaller values would do.
     keypoints: Spread = Spread(
         across=0.5,
@@ -50,13 +48,13 @@ class ERROR:
     unsure_m: float = 1.0
     unsure_share: float = 0.5  # of the distance
     # Least shares of regions that agree; most poses with errors over 1 m have smaller ones.
-    least_share: float = 0.35  # before guided search
-    least_last_share: float = 0.5  # in the end, and for two views
+    least_share: float = 0.35  # with fewer, the pose does not explain the images
+    position_share: float = 0.5  # for a position, and for two views
     two_view_rad: float = 0.1  # sigma of turns without depth, by hand on road_1 and road_2
 
 
 def base_pose(
-    found: Alignment, base_reference: Matrix, base_query: Matrix, spread: Spread | None = None
+    found: Alignment, base_reference: Matrix, base_query: Matrix, spread: Spread = ERROR.cells
 ) -> RelativePose:
     """
     Return the pose of a query's base in a reference's base.
@@ -64,8 +62,6 @@ def base_pose(
     `base_reference` is the reference's lens in the base frame of the result, `base_query` the
     query's lens in the query's base. The default spread is that of cells.
     """
-    by_cells = ERROR.cells if found.first_share is None else ERROR.followed
-    spread = spread or by_cells
     lens = inverse(found.moved)  # the query's, in the reference's
     base = inverse(base_query)
     between = base_reference @ lens @ base
@@ -75,21 +71,20 @@ def base_pose(
     slopes = np.zeros((6, 6))
     slopes[:3, :3] = turn @ arm
     slopes[:3, 3:] = slopes[3:, :3] = -turn
-    first_share = found.share if found.first_share is None else found.first_share
     across, down, ahead = spread.across, spread.down, spread.ahead
     scatter = np.array((down, across, down, across, down, ahead))
-    slopes *= scatter / first_share**spread.share_power
+    slopes *= scatter / found.share**spread.share_power
     floor = np.diag([spread.position_m**2] * 3 + [spread.turn_rad**2] * 3)
     far = base_reference[:3, :3] @ _far(found, lens[:3, 3]) * spread.far
     floor[:3, :3] += np.outer(far, far)
     covariance = slopes @ found.covariance @ slopes.T + floor
     position = between[:3, 3]
     values = quaternion(between[:3, :3]), vector(position), _unit(position), covariance
-    # Few inliers of the first alignment mean that it is wrong.
-    explains = first_share >= ERROR.least_share
+    # Few inliers mean that the alignment is wrong.
+    explains = found.share >= ERROR.least_share
     pose = RelativePose(*values, found.inliers, explains)
     most_m = max(ERROR.unsure_m, ERROR.unsure_share * float(np.linalg.norm(lens[:3, 3])))
-    is_unsure = (pose.position_sigma_m or 0.0) > most_m or found.share < ERROR.least_last_share
+    is_unsure = (pose.position_sigma_m or 0.0) > most_m or found.share < ERROR.position_share
     if is_unsure or not explains:
         return replace(pose, position_m=None, covariance=_of_turns(covariance[3:, 3:]))
     return pose
@@ -104,7 +99,7 @@ def base_pose_of_two_views(
         None if found.direction is None else _unit(base_reference[:3, :3] @ found.direction)
     )
     covariance = _of_turns(np.eye(3) * ERROR.two_view_rad**2)
-    explains = found.share >= ERROR.least_last_share
+    explains = found.share >= ERROR.position_share
     return RelativePose(quaternion(turn), None, direction, covariance, found.inliers, explains)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.encoding.regions import REGION
-from convseq_ros.core.geometry.displacement import Arranged
+from convseq_ros.core.geometry.displacement import PackedRegions
 from convseq_ros.core.types import constants, Doubles, Shift
 import numpy as np
 
@@ -52,7 +52,7 @@ NOTHING = Verification(0, 0.0, 0.0)
 
 
 def verify(
-    query: Arranged, references: Sequence[Arranged], shifts: Sequence[Shift]
+    query: PackedRegions, references: Sequence[PackedRegions], shifts: Sequence[Shift]
 ) -> list[Verification]:
     """Return the verifications of a query with references of its size, given common shifts."""
     starts = [_start(shift) for shift in shifts]
@@ -60,7 +60,7 @@ def verify(
     return [Verification(int(inliers), *strengths) for inliers, *strengths in rows]
 
 
-def field(query: Arranged, reference: Arranged, shift: Shift) -> Doubles:
+def field(query: PackedRegions, reference: PackedRegions, shift: Shift) -> Doubles:
     """
     Return the displacement field of two images that `verify` uses, (n, 5).
 
@@ -75,7 +75,7 @@ def field(query: Arranged, reference: Arranged, shift: Shift) -> Doubles:
     return np.column_stack((middles / cells, off <= MOTION.sigma_cells)).astype(np.float64)
 
 
-def motion(query: Arranged, reference: Arranged, shift: Shift) -> Doubles:
+def motion(query: PackedRegions, reference: PackedRegions, shift: Shift) -> Doubles:
     """
     Return the motion (2, 3) that `verify` fits to two images.
 

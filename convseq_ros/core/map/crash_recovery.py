@@ -4,9 +4,9 @@
 Opening a map file, also if a crash or another program left a journal or a log beside it.
 
 SQLite reads a log up to the first page that fails its checksum and ignores the rest, because a
-power cut may leave half a commit. This module distinguishes damage from half a commit: one
-flipped bit explains the checksum, or further commits follow, and a commit is only made after the
-one before is safe. The log's format is that of https://sqlite.org/fileformat2.html, section 4.
+power cut may leave half a commit. It is damage if further commits follow, because a commit is only
+made after the one before is safe. The log's format is that of
+https://sqlite.org/fileformat2.html, section 4.
 """
 
 from contextlib import suppress
@@ -152,7 +152,7 @@ def _refuse_damaged(path: Path) -> None:
     if at >= 0:
         raise MapError(
             f'{log}: damaged at byte {at}; it holds the newest places of the map: restore it, '
-            'or delete it to continue without them'
+            'or delete it, and the map opens without them'
         )
 
 
@@ -170,12 +170,8 @@ def _damaged_at(log: BinaryIO) -> int:
         _, _, *frame_salts, first, second = _FRAME.unpack_from(frame)
         content = frame[:_SUMMED] + frame[_FRAME.size :]
         computed, stored = _checksum(content, order, sums), np.array((first, second), np.uint32)
-        flipped = sum((a ^ b).bit_count() for a, b in zip(frame_salts, salts, strict=True))
-        is_right = bool((computed == stored).all())
-        if flipped or not is_right:
-            is_flip = flipped == 1 and is_right
-            is_flip |= not flipped and _is_one_bit(content, order, sums, stored)
-            return at if is_flip or _commits(log, at, size, salts) > 1 else -1
+        if frame_salts != salts or (computed != stored).any():
+            return at if _commits(log, at, size, salts) > 1 else -1
         sums, at = computed, at + size
     return -1
 
@@ -198,16 +194,6 @@ def _checksum(content: bytes, order: str, before: Words) -> Words:
     words[:1] += before[:1]
     words = np.concatenate([before[1:], words])
     return np.asarray(words @ _weights(len(words)))
-
-
-def _is_one_bit(content: bytes, order: str, before: Words, stored: Words) -> bool:
-    """Return whether one flipped bit, of the content or the checksum, explains the mismatch."""
-    computed = _checksum(content, order, before)
-    if sum(int(word).bit_count() for word in computed ^ stored) == 1:
-        return True
-    bits = _weights(len(content) // 4)[..., None] << np.arange(32, dtype=np.uint32)
-    differences = computed - stored, stored - computed
-    return any((bits == difference[:, None]).all(axis=1).any() for difference in differences)
 
 
 @cache

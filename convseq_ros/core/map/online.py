@@ -235,3 +235,9 @@ class FollowedMap(PreloadedMap):
     def follow(self, _passed: int) -> None:
         """Follow the leader's session; it counts the scenes itself."""
         self.session_start = self._leader.session_start
+
+
+def mapping_of(reference_map: ReferenceMap, config: Config) -> PreloadedMap:
+    """Return how a map is used in the mode of a configuration."""
+    grows = config.online.grows
+    return OnlineMap(reference_map, config) if grows else PreloadedMap(reference_map)

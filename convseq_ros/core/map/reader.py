@@ -37,10 +37,27 @@ def open_map(
     keyframes: KeyframeConfig | None = None,
 ) -> ReferenceMap:
     """
-    Open a map, with settings and errors as for `MapReader`.
+    Open a map file; it is not changed, and must stay in place while the map is used.
 
-    Cells and thumbnails are read and checked on demand, so the file must stay in place while the
-    map is used.
+    Parameters
+    ----------
+    path : str or Path
+        The map. What a crash left beside it is read, too.
+    encoding : EncodingConfig, optional
+        How queries are encoded; by default as the map's places.
+    keyframes : KeyframeConfig, optional
+        Spacing of places to add; by default that of the map.
+
+    Returns
+    -------
+    ReferenceMap
+        The places; their cells and thumbnails are read and checked on demand.
+
+    Raises
+    ------
+    MapError
+        If the file is missing, foreign, damaged, of another format or made with other settings.
+
     """
     return MapReader(Path(path), encoding, keyframes).reference_map()
 

@@ -14,14 +14,13 @@ from functools import cached_property, lru_cache
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.regions import REGION
-from convseq_ros.core.geometry.alignment import align, ALIGNMENT, Alignment, two_view, unshrunk
-from convseq_ros.core.geometry.displacement import Arranged, followed, found_in
+from convseq_ros.core.geometry.alignment import align, Alignment, correct_parallax_loss, two_view
+from convseq_ros.core.geometry.displacement import found_in, PackedRegions
 from convseq_ros.core.geometry.structure import (
     DEPTH,
     is_usable,
     rays,
     Sight,
-    smoothed,
     Structure,
     triangulate,
     with_depths,
@@ -32,35 +31,17 @@ from convseq_ros.core.pose.image_pose import ImagePoses, LensView
 from convseq_ros.core.pose.ways import WAYS, Ways
 from convseq_ros.core.rigid import inverse, Matrix, matrix
 from convseq_ros.core.similarity.matcher import Features, Matcher
-from convseq_ros.core.types import (
-    Camera,
-    Candidate,
-    constants,
-    Doubles,
-    Frame,
-    Pose,
-    RelativePose,
-    Shift,
-)
+from convseq_ros.core.types import Camera, Candidate, Doubles, Frame, Pose, RelativePose, Shift
 import numpy as np
 
 _KEPT = 64  # places whose measured depths are cached
-
-
-@constants
-class FAR:
-    """Queries further away than the neighbours; tuned on drawn streets 41 to 44, and road_1."""
-
-    baselines: float = 0.6  # distances to the first neighbour, beyond which a query is far
-    rounds: int = 3  # of the guided search; 2 are worse at night, 5 no better
-    precision = replace(ALIGNMENT.cells, sigmas=ALIGNMENT.cells.sigmas[-5:])
 
 
 @dataclass(frozen=True, eq=False)
 class CellView(LensView):
     """An image by its camera and its regions."""
 
-    regions: Arranged
+    regions: PackedRegions
 
     @property
     def scale(self) -> Doubles:
@@ -79,22 +60,12 @@ class CellView(LensView):
 
     def sight(self, other: 'CellView', moved: Matrix) -> Sight:
         """Return where another view, moved by (4, 4) from this lens, sees these regions."""
-        went = self._went(other, moved, np.full(len(self.rays), DEPTH.usual_inverse_m))
-        down, across = np.nan_to_num(np.nanmedian(went, axis=0)) if len(went) else (0.0, 0.0)
-        return self.sight_from(other, moved, (round(down), round(across)))
-
-    def sight_of_followed(self, other: 'CellView', moved: Matrix, inverse_m: Doubles) -> Sight:
-        """Return `sight`, searching each region around the position its inverse depth predicts."""
-        went = np.nan_to_num(self._went(other, moved, inverse_m))
-        places = followed(self.regions, other.regions, went)
-        return Sight(rays(other.camera, places, self.regions.side), moved, other.scale)
-
-    def _went(self, other: 'CellView', moved: Matrix, inverse_m: Doubles) -> Doubles:
-        """Return the displacements (n, 2), rows and columns, of regions of inverse depths (n,)."""
         here = self.rays
-        points = here @ moved[:3, :3].T + np.outer(inverse_m, moved[:3, 3])
+        points = here @ moved[:3, :3].T + DEPTH.usual_inverse_m * moved[:3, 3]
         flat = points[:, :2] / np.maximum(points[:, 2:], DEPTH.least_ahead)
-        return np.asarray((flat - here[:, :2]) * other.scale)[:, ::-1]
+        went = (flat - here[:, :2]) * other.scale
+        across, down = np.nan_to_num(np.nanmedian(went, axis=0)) if len(went) else (0.0, 0.0)
+        return self.sight_from(other, moved, (round(down), round(across)))
 
     def sight_from(self, other: 'CellView', moved: Matrix, start: tuple[int, int]) -> Sight:
         """Return `sight`, searching all regions around a common shift of rows and columns."""
@@ -184,8 +155,7 @@ class RelativePoses:
         depths_m = self._depths(index)
         if depths_m is not None:
             structure = with_depths(reference.rays, depths_m)
-            result = _aligned_by_depth(structure, reference, sight, query)
-            return result and _followed(result, structure, reference, query)
+            return _aligned_by_depth(structure, reference, sight, query)
         around = self._neighbours(index, reference)
         if not around:
             return None
@@ -197,12 +167,7 @@ class RelativePoses:
         neighbours = np.array([inverse(moved)[:3, 3] for _, moved in around])
         baseline_m = float(np.linalg.norm(neighbours[0]))
         result = replace(result, baseline_m=baseline_m, neighbours=neighbours)
-        result = unshrunk(result, neighbours[0] / baseline_m)
-        if not _is_far(result):
-            return result
-        inverse_m = smoothed(structure)
-        sights = [reference.sight_of_followed(view, moved, inverse_m) for view, moved in around]
-        return _followed(result, triangulate(reference.rays, sights), reference, query)
+        return correct_parallax_loss(result, neighbours[0] / baseline_m)
 
     def _knows_depth(self, index: int, reference: CellView) -> bool:
         return self._depths(index) is not None or bool(self._neighbours(index, reference))
@@ -238,23 +203,4 @@ def _aligned_by_depth(
     # The search is repeated around the first result.
     again = reference.sight(query, first.moved)
     second = align(structure, again)
-    return second and unshrunk(replace(second, baseline_m=WAYS.apart_m), None)
-
-
-def _is_far(result: Alignment) -> bool:
-    """Return whether regions may have moved beyond the reach of the search."""
-    return float(np.linalg.norm(result.moved[:3, 3])) > FAR.baselines * result.baseline_m
-
-
-def _followed(
-    first: Alignment, structure: Structure, reference: CellView, query: CellView
-) -> Alignment:
-    """Return an alignment, refined by rounds of guided search if the query is far away."""
-    if not _is_far(first):
-        return first
-    result, inverse_m = first, smoothed(structure)
-    for _ in range(FAR.rounds):
-        sight = reference.sight_of_followed(query, result.moved, inverse_m)
-        result = align(structure, sight, FAR.precision) or result
-    baseline_m, neighbours = first.baseline_m, first.neighbours
-    return replace(result, first_share=first.share, baseline_m=baseline_m, neighbours=neighbours)
+    return second and correct_parallax_loss(replace(second, baseline_m=WAYS.apart_m), None)

@@ -48,7 +48,7 @@ class Ways:
         """
         Return neighbours on both sides of a place, or on one side, and the motions to them.
 
-        `times` as many are returned, and they may be `times` as close to each other.
+        Returns `times` more neighbours, at 1/`times` of the spacing.
         """
         sides = [self._on_side(index, side, times) for side in (-1, 1)]
         if all(sides):

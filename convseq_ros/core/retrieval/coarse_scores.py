@@ -10,7 +10,13 @@ from collections.abc import Sequence
 
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.track import Track
-from convseq_ros.core.retrieval.whitening import Centred, COARSE, DriveMean, sums_of, usual_of
+from convseq_ros.core.retrieval.whitening import (
+    COARSE,
+    DriveMean,
+    statistics_of,
+    sums_of,
+    WhitenedReferences,
+)
 from convseq_ros.core.types import Descriptor, Halves, Indices, Row
 import numpy as np
 
@@ -32,11 +38,11 @@ class Coarse:
         """Take in a query, each only once, which may match the first `usable` references."""
         self._usable = usable
 
-    def best(self, _along: int, _newest: int, _passed: Sequence[range] = ()) -> Indices:
+    def best(self, _by_track: int, _by_frame: int, _excluded: Sequence[range] = ()) -> Indices:
         """
-        Return the likeliest places, ascending, without those in the ranges `passed`.
+        Return the likeliest places, ascending, without those in the ranges `excluded`.
 
-        `along` of them are chosen by the sums along the drive, `newest` by the newest query alone.
+        `by_track` of them are chosen by the sums along the drive, `by_frame` by the newest query.
         """
         return np.arange(self._usable)
 
@@ -59,8 +65,8 @@ class CoarseScores(Coarse):
         """Start without places; the vectors' length is known from a model's first one."""
         numbers = nothing.shape[1]
         self._sums, self._counted = np.zeros((2, numbers)), 0
-        self._usual, self._drive = usual_of(self._sums, 0), DriveMean(numbers)
-        self._centred = Centred(self._usual, nothing, np.zeros(1, np.int64))
+        self._usual, self._drive = statistics_of(self._sums, 0), DriveMean(numbers)
+        self._whitened = WhitenedReferences(self._usual, nothing, np.zeros(1, np.int64))
 
     def reset(self) -> None:
         self._drive.reset()
@@ -73,27 +79,28 @@ class CoarseScores(Coarse):
             self._begin(references[:0])
         self._follow_map(references, starts)
         direction = self._drive.update(descriptor, self._usual)
-        self.row = self._centred.row(references, starts, direction)
+        self.row = self._whitened.row(references, starts, direction)
         self._track.update(self.row, starts)
 
-    def best(self, along: int, newest: int, passed: Sequence[range] = ()) -> Indices:
+    def best(self, by_track: int, by_frame: int, excluded: Sequence[range] = ()) -> Indices:
         """Return the likeliest places, ascending: see `Coarse.best`."""
-        return np.union1d(top(self._track.sums, along, passed), top(self.row, newest, passed))
+        track, frame = top(self._track.sums, by_track, excluded), top(self.row, by_frame, excluded)
+        return np.union1d(track, frame)
 
     def _follow_map(self, references: Halves, starts: Indices) -> None:
         if len(references) > COARSE.averaged_anew * self._counted:
             self._sums += sums_of(references[self._counted :])
             self._counted = len(references)
-            self._usual = usual_of(self._sums, self._counted)
-            self._centred = Centred(self._usual, references, starts)
-        self._centred.follow(references, starts)
+            self._usual = statistics_of(self._sums, self._counted)
+            self._whitened = WhitenedReferences(self._usual, references, starts)
+        self._whitened.follow(references, starts)
 
 
-def top(scores: Row, count: int, passed: Sequence[range] = ()) -> Indices:
-    """Return the indices of the `count` best scores, best first, none in the ranges `passed`."""
-    if passed:
+def top(scores: Row, count: int, excluded: Sequence[range] = ()) -> Indices:
+    """Return the indices of the `count` best scores, best first, none in ranges `excluded`."""
+    if excluded:
         scores = scores.copy()
-        for indices in passed:
+        for indices in excluded:
             scores[max(0, indices.start) : max(0, indices.stop)] = -np.inf
     if not count:
         return np.zeros(0, np.int64)

@@ -52,7 +52,7 @@ class COARSE:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Usual:
+class Statistics:
     """Mean and variance of each number of a map's global descriptors, (n,)."""
 
     mean: Floats
@@ -64,10 +64,10 @@ class Usual:
         return np.asarray(whitened / self.variance**COARSE.power, np.float32)
 
 
-class Centred:
+class WhitenedReferences:
     """References of a map, whitened: relative to the mean of their session."""
 
-    def __init__(self, usual: Usual, references: Halves, starts: Indices) -> None:
+    def __init__(self, usual: Statistics, references: Halves, starts: Indices) -> None:
         self._weights = usual.variance ** (-2 * COARSE.power)
         self._means = np.tile(usual.mean, (len(starts), 1))
         for mean, session in zip(self._means, np.split(references, starts[1:]), strict=True):
@@ -106,16 +106,16 @@ def sums_of(references: Halves) -> Doubles:
     return sums
 
 
-def usual_of(sums: Doubles, count: int) -> Usual:
+def statistics_of(sums: Doubles, count: int) -> Statistics:
     """Return mean and variance of `count` global descriptors from `sums_of` them."""
     if not count:
         numbers = sums.shape[1]
-        return Usual(np.zeros(numbers, np.float32), np.ones(numbers, np.float32))
+        return Statistics(np.zeros(numbers, np.float32), np.ones(numbers, np.float32))
     mean, square = sums / count
     variance = np.maximum(square - mean**2, COARSE.least)
     variance = count * variance + COARSE.prior * variance.mean()
     variance = (variance / (count + COARSE.prior)).astype(np.float32)
-    return Usual(mean.astype(np.float32), variance)
+    return Statistics(mean.astype(np.float32), variance)
 
 
 class DriveMean:
@@ -128,7 +128,7 @@ class DriveMean:
     def reset(self) -> None:
         self._sums, self._frames = np.zeros((2, self._numbers)), 0
 
-    def update(self, descriptor: Descriptor, usual: Usual) -> Floats:
+    def update(self, descriptor: Descriptor, usual: Statistics) -> Floats:
         """Take in a query, each only once; return its whitened direction (n,)."""
         query = vector_of(descriptor).astype(np.float32)
         self._sums += np.array([query, query.astype(np.float64) ** 2])

@@ -11,7 +11,7 @@ from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.descriptor import ENTROPY
 from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.encoding.regions import unit
-from convseq_ros.core.geometry.displacement import Arranged, arranged
+from convseq_ros.core.geometry.displacement import arranged, PackedRegions
 from convseq_ros.core.geometry.verification import field, motion, NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
@@ -33,9 +33,9 @@ _KEPT_TO_VERIFY = 64  # references whose regions are cached for the geometry; 2 
 class Features:
     """The features of a query."""
 
-    approximate: Any  # for the chosen kernel
+    approximate: Any  # fast features, for the chosen kernel
     exact: Callable[[], Any]  # returns those for an exact kernel, made at the first call
-    arranged: Arranged | None = None  # for the geometry
+    arranged: PackedRegions | None = None  # for the geometry
     rough: Any = None  # for rough scores
 
 
@@ -93,7 +93,7 @@ class Matcher:
         rough = self._rough and self._rough.pair.extract(*arguments)
         return Features(fast, exact, arranged(regions[0]), rough)
 
-    def arranged(self, index: int) -> Arranged | None:
+    def arranged(self, index: int) -> PackedRegions | None:
         """Return a reference's regions for the geometry; None if uninformative or without any."""
         return self._kept_arranged(index)
 
@@ -160,7 +160,7 @@ class Matcher:
             self._kept_arranged.cache_clear()
 
 
-def _arranged(features: FeatureCache, index: int) -> Arranged | None:
+def _arranged(features: FeatureCache, index: int) -> PackedRegions | None:
     regions_of, (reference,) = features.pair.regions_of, features.of([index])
     return arranged(regions_of(reference)) if regions_of and reference is not None else None
 
@@ -190,7 +190,7 @@ class DescriptorMatcher(Matcher):
         """Return None: vectors give no shift."""
         return None
 
-    def arranged(self, _index: int) -> Arranged | None:
+    def arranged(self, _index: int) -> PackedRegions | None:
         """Return None: there are no regions."""
         return None
 

@@ -5,7 +5,7 @@
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.decision.localizer import Localizer
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Candidate, LocalizationState, Match, Reason, Status
+from convseq_ros.core.types import Candidate, LocalizationState, Match, Reason
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -32,9 +32,8 @@ class Robot:
             is_sure = (confidence or 0) >= self.config.acceptance.min_confidence
             reason = Reason.ACCEPTED if is_sure else Reason.WEAK
         found = tuple(Candidate(one, one, 0.5) for one in (best, *others) if one is not None)
-        status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
         self.frame += 1
-        match = Match(self.frame, self.frame, status, reason, found, 3, 9, confidence)
+        match = Match(self.frame, self.frame, reason, found, 3, 9, confidence)
         told = self.localizer.update(match, self.known, self.config)
         assert told.localization == self.localizer.localization
         return told.localization

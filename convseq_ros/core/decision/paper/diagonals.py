@@ -22,19 +22,15 @@ def diagonal(length: int, velocity: float = 1.0) -> list[int]:
 
 
 def sequence_scores(
-    rows: Rows,
-    ends: Indices | None = None,
-    partial: bool = False,
-    bounds: SessionBounds = ONE_SESSION,
+    rows: Rows, ends: Indices | None = None, bounds: SessionBounds = ONE_SESSION
 ) -> Values:
     """
     Return the scores of a sequence of k frames at each reference, (R,), or at `ends`, (n,).
 
     A score is the mean of the pair scores along a diagonal (III-G). It is -inf if the diagonal
     leaves its session, the newest pair is not scored, or fewer than half of the pairs are scored.
-    `ends` are ascending. With `partial`, up to half of the pairs may lie outside the session or
-    lack scores; they count as the mean of their row, so places are recognised sooner after the
-    start. Raises ValueError if the newest frame has no scores. Older rows may be shorter.
+    `ends` are ascending. Raises ValueError if the newest frame has no scores. Older rows may be
+    shorter.
     """
     if rows[0] is None:
         raise ValueError('the newest frame of a sequence must be informative')
@@ -43,26 +39,16 @@ def sequence_scores(
     dtype: Any = np.float32 if len(ends) == len(references) else np.float64
     firsts, stops = bounds.spans(ends)
     total, known = np.zeros(len(ends), dtype), np.zeros(len(ends), dtype)
-    scored = partial | (ends - len(rows) + 1 >= firsts)
+    scored = ends - len(rows) + 1 >= firsts
     for age, row in enumerate(rows):
         if row is None or not len(row):
             continue
         met = ends - age
         pairs = row.take(met, mode='clip')
         is_known = (met >= firsts) & (met < np.minimum(stops, len(row))) & np.isfinite(pairs)
-        total += np.where(is_known, pairs, mean_score(row) if partial else np.float32(0))
+        total += np.where(is_known, pairs, np.float32(0))
         known += is_known
         if not age:
             scored &= is_known
     scored &= 2 * known >= len(rows)
-    number = dtype(sum(row is not None for row in rows)) if partial else known
-    return np.divide(total, number, out=np.full(len(ends), -np.inf, dtype), where=scored)
-
-
-def mean_score(row: Row) -> np.float32:
-    """Return the mean of the scores in a row, 0 if there are none."""
-    mean = np.mean(row, dtype=np.float64) if len(row) else 0.0
-    if not np.isfinite(mean):
-        known = row[np.isfinite(row)]
-        mean = np.mean(known, dtype=np.float64) if len(known) else 0.0
-    return np.float32(mean)
+    return np.divide(total, known, out=np.full(len(ends), -np.inf, dtype), where=scored)

@@ -40,7 +40,7 @@ from convseq_ros.core.similarity.coherent import (
     Wide,
 )
 from convseq_ros.core.similarity.kernels.numpy_kernels import NORMALIZATION, WINDOWS
-from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown, spread, SURE
+from convseq_ros.core.similarity.pair_score import PairScore, QueryRegions, Scores, spread, SURE
 from convseq_ros.core.types import Descriptor, Floats
 import numpy as np
 import numpy.typing as npt
@@ -92,7 +92,7 @@ def normalized(cells: Cells) -> Cells:
     return result
 
 
-def less_background(regions: Regions, background: Regions | None) -> Shown:
+def less_background(regions: Regions, background: Regions | None) -> QueryRegions:
     """Return the definition's `less_background`, to 1e-6."""
     if background is None:
         return regions, None

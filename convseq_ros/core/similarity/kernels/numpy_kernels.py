@@ -23,7 +23,7 @@ from convseq_ros.core.similarity.coherent import (
     region_blocks,
     Wide,
 )
-from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown, spread, SURE
+from convseq_ros.core.similarity.pair_score import PairScore, QueryRegions, Scores, spread, SURE
 from convseq_ros.core.types import constants, Descriptor, Doubles, Floats, Indices, Shift
 import cv2
 import numpy as np
@@ -53,7 +53,7 @@ def normalized(cells: Cells) -> Cells:
     return blended / (blended + typical) if typical else blended
 
 
-def less_background(regions: Regions, background: Regions | None) -> Shown:
+def less_background(regions: Regions, background: Regions | None) -> QueryRegions:
     """Return regions (N, 32) less a background, at unit length, and their blocks."""
     if background is None:
         return regions, None
@@ -130,14 +130,14 @@ class _NumpyCoherent(CoherentPair):
     def laid_out(self, query: CoherentQuery) -> CoherentQuery:
         return query
 
-    def packed(self, regions: Regions, blocks: Blocks | None) -> Shown:
+    def packed(self, regions: Regions, blocks: Blocks | None) -> QueryRegions:
         return regions, blocks
 
-    def regions_of(self, reference: Shown) -> Regions:
+    def regions_of(self, reference: QueryRegions) -> Regions:
         return reference[0]
 
     def scores(
-        self, query: CoherentQuery, wide: Wide | None, references: Sequence[Shown]
+        self, query: CoherentQuery, wide: Wide | None, references: Sequence[QueryRegions]
     ) -> Compared:
         scores = (coherent_score(query, regions, WINDOWS[self.step]) for regions, _ in references)
         shares, shifts = zip(*scores, strict=True)

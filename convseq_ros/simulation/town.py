@@ -1,10 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-Simulates a drive through a drawn town that revisits streets, with drifting odometry.
-
-Usage: python simulated.py FOLDER writes the drive as a recording.
-"""
+"""A drive through a drawn town that passes its streets again, with drifting odometry."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,7 +15,8 @@ from convseq_ros.simulation.route import Route
 import numpy as np
 
 DRIFT = Drift(scale=0.015, yaw_bias_deg=3.0, noise_m=0.02, yaw_noise_deg=3.0, seed=1)
-SPEED_MPS, RATE_HZ = 6.0, 4.0
+BLOCK_M = 110.0, 70.0  # width and depth of a block
+_SPEED_MPS, _RATE_HZ = 6.0, 4.0
 _LANE_M, _WANDER_M, _WANDER_EVERY_M = -1.5, 0.4, 30.0
 
 
@@ -40,11 +37,11 @@ def shots(route: Route, drift: Drift = DRIFT, seed: int = 0) -> Iterator[Shot]:
     rng = np.random.default_rng(seed)
     at = np.arange(0.0, route.length_m + _WANDER_EVERY_M, _WANDER_EVERY_M)
     offsets = _LANE_M + rng.uniform(-_WANDER_M, _WANDER_M, len(at))
-    half = int(route.length_m / 2 / SPEED_MPS * RATE_HZ)
-    rest = int(route.length_m / SPEED_MPS * RATE_HZ) - half
+    half = int(route.length_m / 2 / _SPEED_MPS * _RATE_HZ)
+    rest = int(route.length_m / _SPEED_MPS * _RATE_HZ) - half
     first = Drive(
-        speed_mps=SPEED_MPS,
-        frame_rate_hz=RATE_HZ,
+        speed_mps=_SPEED_MPS,
+        frame_rate_hz=_RATE_HZ,
         num_frames=half,
         width_px=320,
         height_px=240,
@@ -62,11 +59,12 @@ def shots(route: Route, drift: Drift = DRIFT, seed: int = 0) -> Iterator[Shot]:
     return with_odometry(chain(draw(route, first), draw(route, second)), drift)
 
 
-def record(path: Path, route: Route, seed: int = 0) -> None:
-    """Write a drive as a recording: images, the camera, /odom, and the truth."""
+def record(path: Path, seed: int = 0) -> None:
+    """Write the drive as a recording: images, the camera, /odom, and the truth."""
     drift = replace(DRIFT, seed=DRIFT.seed + seed)
-    write_recording(path, shots(route, drift, 2 * seed), info_topic='/camera/camera_info')
+    drawn = shots(two_blocks(*BLOCK_M, seed), drift, 2 * seed)
+    write_recording(path, drawn, info_topic='/camera/camera_info')
 
 
 if __name__ == '__main__':
-    record(Path(sys.argv[1]), two_blocks(110.0, 70.0))
+    record(Path(sys.argv[1]))

@@ -1,0 +1,56 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of `pose_graph_node`; written once, as in `config`."""
+
+from dataclasses import dataclass
+
+from convseq_ros.config.parameter import Checked, parameter
+
+
+# A table of parameters reads better in few lines.
+# fmt: off
+@dataclass(frozen=True, slots=True)
+class PoseGraphConfig(Checked):
+    """Settings of the pose graph: frames, files and the errors of what it is told."""
+
+    map_frame: str = parameter('map', 'TF frame of the corrected poses.')
+    publish_tf: bool = parameter(
+        True, 'Whether the transform from map_frame to the frame of odometry is broadcast on /tf, '
+        'where tf2_msgs is installed; it is always on ~/map_to_odom.',
+    )
+    graph_file: str = parameter(
+        '', 'File of the graph, loaded at the start if it exists, and written by ~/save and at '
+        'the end; keep it beside the map; empty for none.',
+    )
+    tum_file: str = parameter(
+        '', 'File to which ~/save and the end write the corrected keyframes in the format of TUM; '
+        'empty for none.',
+    )
+    g2o_file: str = parameter(
+        '', 'File to which ~/save and the end write the graph in the format g2o; empty for none.',
+    )
+    graph_spacing_m: float = parameter(
+        2.0, 'Distance travelled, or turn by 20 degrees instead, after which odometry becomes a '
+        'keyframe of the graph.', unit='m', low=0.01, high=1000.0,
+    )
+    odometry_sigma_m: float = parameter(
+        0.05, 'Standard deviation of odometry after one metre, which grows with the square root '
+        'of the distance; a growing covariance of the messages counts instead.',
+        unit='m', low=1e-6, high=100.0,
+    )
+    odometry_sigma_rad: float = parameter(
+        0.01, 'The same for the heading.', unit='rad', low=1e-6, high=3.0,
+    )
+    closure_sigma_m: float = parameter(
+        1.5, 'Standard deviation of the distance between both visits of a place, for closures '
+        'whose position is not measured.', unit='m', low=0.001, high=1000.0,
+    )
+    closure_sigma_rad: float = parameter(
+        0.15, 'The same for the heading, where that is not measured.',
+        unit='rad', low=0.001, high=3.0,
+    )
+    period_s: float = parameter(
+        1.0, 'Time in which closures are collected before the graph is solved.',
+        unit='s', low=0.01, high=3600.0,
+    )
+# fmt: on

@@ -1,0 +1,87 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The transform from the map to odometry, as REP-105 has it: on a topic, and on TF."""
+
+from collections import deque
+from typing import Any
+
+from convseq_ros.core.rigid import Matrix, pose_of
+from convseq_ros.node.conversions import stamp_from_ns, stamp_to_ns
+from convseq_ros.node.topics import advertise
+from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Header
+
+_PERIOD_NS = 50_000_000  # at most 20 Hz
+_REMEMBERED = 200  # stamps of our own transforms, as they come back on /tf
+_DEPTH = 100
+
+
+class MapToOdom:
+    """
+    Publishes `~/map_to_odom`, and broadcasts it if wanted and tf2_msgs is installed.
+
+    A transform may have one publisher only: if another one is heard, this one stops, for ever.
+    """
+
+    def __init__(self, node: Node, map_frame: str, is_broadcast: bool) -> None:
+        self._node, self._map_frame = node, map_frame
+        self._topic = advertise(node, TransformStamped, '~/map_to_odom')
+        self._sent: deque[int] = deque(maxlen=_REMEMBERED)
+        self._tf: Any = None
+        self.stamp_ns = 0  # of the last transform
+        self.odom_frame = ''
+        self.problem = ''  # why it is not broadcast, although it is wanted
+        if is_broadcast:
+            try:
+                from tf2_msgs.msg import TFMessage
+            except ImportError:
+                node.get_logger().info('no tf2_msgs: map -> odom is on ~/map_to_odom only')
+                return
+            self._kind = TFMessage
+            self._tf = advertise(node, TFMessage, '/tf', _DEPTH)
+            node.create_subscription(TFMessage, '/tf', self._on_tf, QoSProfile(depth=_DEPTH))
+
+    def publish(self, stamp_ns: int, odom_frame: str, pose: Matrix) -> None:
+        """Publish the pose (4, 4) of the frame of odometry in the map, at a time of odometry."""
+        if 0 <= stamp_ns - self.stamp_ns < _PERIOD_NS:
+            return
+        if not odom_frame or odom_frame == self._map_frame:
+            self._stop(f'odometry is in frame {odom_frame!r}: set another one, such as odom')
+            return
+        self.stamp_ns, self.odom_frame = stamp_ns, odom_frame
+        message = transform_message(stamp_ns, self._map_frame, odom_frame, pose)
+        self._topic.publish(message)
+        if self._tf and not self.problem:
+            self._sent.append(stamp_ns)
+            self._tf.publish(self._kind(transforms=[message]))
+
+    def _on_tf(self, message: Any) -> None:
+        for one in message.transforms:
+            # Only one parent is allowed, whatever its name is.
+            if one.child_frame_id == self.odom_frame and self.odom_frame:
+                if stamp_to_ns(one.header.stamp) not in self._sent:
+                    self._stop(
+                        f'{one.header.frame_id} -> {self.odom_frame} is on /tf already; end its '
+                        'other publisher, or set publish_tf: false'
+                    )
+
+    def _stop(self, problem: str) -> None:
+        if not self.problem:
+            self.problem = f'map -> odom is not broadcast: {problem}'
+            self._node.get_logger().error(self.problem)
+
+
+def transform_message(
+    stamp_ns: int, frame_id: str, child_frame_id: str, moved: Matrix
+) -> TransformStamped:
+    """Return a transform, the pose (4, 4) of the child frame."""
+    pose = pose_of(moved)
+    x, y, z, w = pose.orientation
+    at = Vector3(**dict(zip('xyz', pose.position, strict=True)))
+    return TransformStamped(
+        header=Header(stamp=stamp_from_ns(stamp_ns), frame_id=frame_id),
+        child_frame_id=child_frame_id,
+        transform=Transform(translation=at, rotation=Quaternion(x=x, y=y, z=z, w=w)),
+    )

@@ -1,0 +1,115 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The transform from a map with poses to odometry, by measured relative poses: no back end."""
+
+import math
+from threading import Lock
+
+from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.core.pose.estimate import PoseEstimate
+from convseq_ros.core.rigid import inverse, Matrix, matrix, turned_by
+from convseq_ros.core.types import constants, Frame, Match
+from convseq_ros.node.frame_context import Odometry
+from convseq_ros.node.map_to_odom import MapToOdom
+import cv2
+import numpy as np
+from rclpy.node import Node
+
+
+@constants
+class DRIFT:
+    """How the transform follows what is measured; engineering, not studied."""
+
+    of_way: float = 0.05  # standard deviation of odometry, as a share of the distance, ...
+    rad_per_m: float = 0.005
+    gate: float = 22.5  # squared error of a measurement, in variances: 99.9 % quantile, 6 numbers
+    most_outside: int = 3  # measurements in a row after which the newest one is right
+
+
+class MeasuredTransform:
+    """
+    A Kalman filter of the pose of odometry in the map.
+
+    It is published with each message of odometry, once a pose was measured. `update` is called in
+    the worker's thread.
+    """
+
+    def __init__(self, node: Node, config: NodeConfig, odometry: Odometry) -> None:
+        self._output = MapToOdom(node, config.map_frame, True)
+        self._lock = Lock()
+        self._moved: Matrix | None = None  # (4, 4), pose of the frame of odometry in the map
+        self._covariance = np.zeros((6, 6))  # of the base, in its axes; x, y, z, turns
+        self._last = np.eye(4)  # base in odometry, at the last measurement
+        self._measured_ns, self._outside = 0, 0
+        odometry.on_pose = self._on_odometry
+
+    def update(self, frame: Frame, match: Match, estimate: PoseEstimate) -> None:
+        """Take in an accepted match, if its pose was measured in metres, and odometry is known."""
+        relative, pose = match.relative_pose, frame.pose
+        if relative is None or relative.pose is None or pose is None:
+            return
+        base, goal = matrix(pose), matrix(estimate.pose)
+        to_base = np.kron(np.eye(2), matrix(relative.pose)[:3, :3].T)
+        noise = to_base @ relative.covariance @ to_base.T
+        with self._lock:
+            is_back = frame.stamp_ns < self._measured_ns
+            self._measured_ns = frame.stamp_ns
+            if self._moved is None or is_back or self._outside >= DRIFT.most_outside:
+                self._set(goal, base, noise)
+                return
+            way_m = math.dist(base[:3, 3], self._last[:3, 3])
+            grown = [(DRIFT.of_way * way_m) ** 2] * 3 + [(DRIFT.rad_per_m * way_m) ** 2] * 3
+            before = self._covariance + np.diag(grown)
+            expected = self._moved @ base
+            off = _difference(expected, goal)
+            total = before + noise
+            if off @ np.linalg.solve(total, off) > DRIFT.gate:
+                self._outside += 1
+                return
+            gain = before @ np.linalg.inv(total)
+            self._set(expected @ _motion(gain @ off), base, before - gain @ before)
+
+    def _set(self, goal: Matrix, base: Matrix, covariance: Matrix) -> None:
+        self._moved, self._last = goal @ inverse(base), base
+        self._covariance, self._outside = covariance, 0
+
+    def _on_odometry(self, stamp_ns: int, frame_id: str) -> None:
+        with self._lock:
+            moved = self._moved
+        if moved is not None:
+            self._output.publish(stamp_ns, frame_id, moved)
+
+    @property
+    def problem(self) -> str:
+        """Why the transform is not broadcast, if another node does it."""
+        return self._output.problem
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Its age in seconds and its standard deviations, for diagnostics."""
+        if self._moved is None:
+            return {}
+        with self._lock:
+            metres, radians = (
+                math.sqrt(float(self._covariance.diagonal()[part].max()))
+                for part in (slice(0, 3), slice(3, 6))
+            )
+            age_s = max(0.0, (self._output.stamp_ns - self._measured_ns) / 1e9)
+        return {
+            'map_to_odom_age_s': age_s,
+            'map_to_odom_sigma_m': metres,
+            'map_to_odom_sigma_rad': radians,
+        }
+
+
+def _difference(first: Matrix, second: Matrix) -> Matrix:
+    """Return the motion (6,) from one pose to another, in the first one's axes."""
+    moved = inverse(first) @ second
+    return np.r_[moved[:3, 3], cv2.Rodrigues(moved[:3, :3])[0].ravel()]
+
+
+def _motion(numbers: Matrix) -> Matrix:
+    """Return the matrix (4, 4) of a motion (6,)."""
+    moved = np.eye(4)
+    moved[:3, :3], moved[:3, 3] = turned_by(numbers[3:]), numbers[:3]
+    return moved

@@ -1,0 +1,328 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A back end: corrects odometry with closures, and publishes the transform map -> odom."""
+
+from contextlib import suppress
+from pathlib import Path
+from threading import Lock, Thread
+import time
+from typing import Any
+
+from convseq_ros.config.pose_graph_config import PoseGraphConfig
+from convseq_ros.core.rigid import Matrix, matrix, pose_of
+from convseq_ros.core.types import UNKNOWN_M2
+from convseq_ros.errors import ConvseqError, with_traceback
+from convseq_ros.io.regular_file import complete_or_absent
+from convseq_ros.node.conversions import (
+    pose_only_message,
+    stamp_from_ns,
+    stamp_to_ns,
+    status_message,
+    type_name,
+)
+from convseq_ros.node.listener import ListeningNode
+from convseq_ros.node.map_to_odom import MapToOdom
+from convseq_ros.node.parameters import declare_group
+from convseq_ros.node.running import run_until_signal
+from convseq_ros.node.topics import (
+    advertise,
+    FollowingSubscription,
+    LATCHED,
+    SERVICE_QOS,
+    steady_timer,
+)
+from convseq_ros.pose_graph.g2o import g2o
+from convseq_ros.pose_graph.graph import Closure, Known, PoseGraph, Problem
+from convseq_ros.pose_graph.graph_file import load_graph, map_of, save_graph, tum
+from convseq_ros.pose_graph.optimisation import need_gtsam
+from convseq_ros.sources.pose_track import pose_from_message
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMessage
+import numpy as np
+from std_msgs.msg import Float64MultiArray, Header
+from std_srvs.srv import Trigger
+
+_DEPTH = 1000
+_CLOSURES = 'vpr_node/closure_odometry'
+_SAME_PLACE = np.diag([UNKNOWN_M2] * 3 + [0.0] * 3)
+_TURN_KNOWN_RAD2 = 3.0
+_WAIT_S = 2.0  # at the end, for a solution that is being computed
+_PERIOD_S = 1.0  # of diagnostics, and of the path
+
+
+class PoseGraphNode(ListeningNode):
+    """
+    Collects in the listener's thread, publishes in the executor's, and solves in a third.
+
+    ConvseqError if a parameter is not allowed, GTSAM is not installed, or the file of the graph
+    cannot be used.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(
+            'pose_graph_node', automatically_declare_parameters_from_overrides=True, **kwargs
+        )
+        try:
+            self._open(declare_group(self, PoseGraphConfig))
+        except (ConvseqError, OSError):
+            super().destroy_node()
+            raise
+
+    def _open(self, config: PoseGraphConfig) -> None:
+        need_gtsam()
+        self._config = config
+        self._file = Path(config.graph_file) if config.graph_file else None
+        self._graph = PoseGraph(config)
+        if self._file and self._file.exists():
+            self._graph = load_graph(self._file, config)
+        self._lock, self._solving = Lock(), Lock()
+        self._thread: Thread | None = None
+        self._frame, self._map_id, self._problem = '', '', ''
+        self._update_ms = self._solve_ms = 0.0
+        self._shown = -1  # keyframes in the last path
+        self._is_closed = False
+        self._transform = MapToOdom(self, config.map_frame, config.publish_tf)
+        self._path = advertise(self, PathMessage, '~/path')
+        self._diagnostics = advertise(self, DiagnosticArray, '/diagnostics')
+        self._odometry = FollowingSubscription(self, Odometry, 'odom', self._on_odometry, _DEPTH)
+        closures = FollowingSubscription(self, Odometry, _CLOSURES, self._on_closure, _DEPTH)
+        self._recogniser = closures.topic.rpartition('/')[0]  # full name of its node
+        for kind, topic, call in (
+            (Float64MultiArray, 'vpr_node/loop_closure', self._on_pair),
+            (PoseWithCovarianceStamped, 'vpr_node/pose', self._on_pose),
+        ):
+            FollowingSubscription(self, kind, topic, call, _DEPTH)
+        self.create_subscription(DiagnosticArray, 'vpr_node/map_info', self._on_map, LATCHED)
+        self.create_service(Trigger, '~/save', self._on_save, qos_profile=SERVICE_QOS)
+        steady_timer(self, config.period_s, self._work)
+        steady_timer(self, _PERIOD_S, self._report)
+        self.get_logger().info(f'listening to {self._odometry.topic} and {closures.topic}')
+
+    def destroy_node(self) -> None:
+        """Take in the last closures if that is quick, write the files, and leave the graph."""
+        if not self._is_closed:
+            self._is_closed = True
+            if self._thread:
+                self._thread.join(_WAIT_S)
+            if self._solve_ms < 1000 * _WAIT_S and self._solving.acquire(blocking=False):
+                with self._lock:
+                    problem = self._graph.problem()
+                self._solve(problem)
+            with suppress(ConvseqError, OSError):
+                if text := self._save():
+                    self.get_logger().info(text)
+        super().destroy_node()
+
+    def _on_odometry(self, message: Any) -> None:
+        stamp_ns, pose = stamp_to_ns(message.header.stamp), pose_from_message(message.pose.pose)
+        if not stamp_ns or pose is None:
+            line = 'odometry without a stamp, or with values that are not a pose, is left out'
+            self.get_logger().warning(f'{self._odometry.topic}: {line}', once=True)
+            return
+        covariance = message.pose.covariance
+        told = float(covariance[0] + covariance[7]) / 2, float(covariance[35])
+        start_s = time.perf_counter()
+        with self._lock:
+            restarts, resets = self._graph.restarts, self._graph.running.resets
+            self._graph.add_odometry(stamp_ns, matrix(pose), told)
+            correction = self._graph.correction
+            anew = self._graph.restarts > restarts
+            is_reset = self._graph.running.resets > resets
+        self._update_ms = 1000 * (time.perf_counter() - start_s)
+        self._frame = message.header.frame_id
+        if anew:
+            self.get_logger().warning('the clock was set back: the graph of this drive is anew')
+        elif is_reset:
+            self.get_logger().warning('odometry was reset: only closures tell how far it moved')
+        if correction is not None:
+            self._transform.publish(stamp_ns, self._frame, correction)
+
+    def _on_closure(self, message: Any) -> None:
+        (session, reference_ns), (own, query_ns) = map(
+            _place_of, (message.header.frame_id, message.child_frame_id)
+        )
+        pose = pose_from_message(message.pose.pose)
+        covariance = np.reshape(message.pose.covariance, (6, 6))
+        if not (reference_ns and query_ns and pose and _is_covariance(covariance)):
+            names = f'{message.header.frame_id!r}, {message.child_frame_id!r}'
+            self._leave_out(f'{_CLOSURES}: {names} with its pose is not a closure')
+            return
+        if covariance[5, 5] > _TURN_KNOWN_RAD2:
+            covariance = covariance + _SAME_PLACE
+            covariance[3:, 3:] = np.eye(3) * self._config.closure_sigma_rad**2
+        with self._lock:
+            if own:
+                self._graph.running.session = own
+            session = '' if session == own else session
+            self._graph.add_closure(
+                Closure(query_ns, reference_ns, matrix(pose), covariance, session)
+            )
+
+    def _on_pair(self, message: Any) -> None:
+        if len(message.data) != 2 or not np.isfinite(message.data).all():
+            self._leave_out(f'loop_closure: {[*message.data]} is not two times in seconds')
+            return
+        query_ns, reference_ns = (round(seconds * 1e9) for seconds in message.data)
+        turn = np.diag([0.0] * 3 + [self._config.closure_sigma_rad**2] * 3)
+        with self._lock:
+            self._graph.add_closure(Closure(query_ns, reference_ns, np.eye(4), _SAME_PLACE + turn))
+
+    def _on_pose(self, message: Any) -> None:
+        pose = pose_from_message(message.pose.pose)
+        covariance = np.reshape(message.pose.covariance, (6, 6))
+        if pose and _is_covariance(covariance):
+            with self._lock:
+                stamp_ns = stamp_to_ns(message.header.stamp)
+                self._graph.add_pose(stamp_ns, matrix(pose), covariance)
+
+    def _on_map(self, message: Any) -> None:
+        """Learn which map it is, and which of its sessions this drive makes."""
+        values = {pair.key: pair.value for pair in message.status[0].values}
+        self._map_id = values['map_id']
+        with self._lock:
+            if self._graph.earlier and self._file and map_of(self._file) != self._map_id:
+                self._problem = f'{self._file}: is the graph of another map; choose another'
+                self.get_logger().error(self._problem)
+                self._graph, self._file = PoseGraph(self._config), None
+            with suppress(ValueError):
+                stamp_ns = int(values['last_stamp_ns'])
+                if self._graph.running.at(stamp_ns) is not None:
+                    self._graph.running.session = values['session_ids'].split()[-1]
+
+    def _leave_out(self, what: str) -> None:
+        self.get_logger().warning(f'{what}; it is left out', once=True)
+
+    def _work(self) -> None:
+        """Follow the recogniser's odometry, and solve what is new in another thread."""
+        self._follow()
+        if not self._solving.acquire(blocking=False):
+            return
+        with self._lock:
+            problem = self._graph.problem()
+        self._thread = Thread(target=self._solve, args=(problem,), name='service', daemon=True)
+        self._thread.start()
+
+    def _follow(self) -> None:
+        """Take the odometry that the recogniser takes, unless `odom` is remapped."""
+        default = f'{self.get_namespace().rstrip("/")}/odom'
+        if self.resolve_topic_name('odom') != default:
+            return
+        namespace, _, name = self._recogniser.rpartition('/')
+        with suppress(Exception):  # it is not there yet
+            found = self.get_subscriber_names_and_types_by_node(name, namespace or '/')
+            topics = [topic for topic, kinds in found if type_name(Odometry) in kinds]
+            if len(topics) == 1 and topics[0] != self._odometry.topic:
+                self.get_logger().info(f'odometry is {topics[0]}, as of {self._recogniser}')
+                self._odometry.move(topics[0])
+
+    def _solve(self, problem: Problem | None) -> None:
+        """Solve and adopt; `_solving` is held, and released."""
+        try:
+            if problem is None:
+                return
+            start_s = time.perf_counter()
+            solution = problem.solve()
+            self._solve_ms = 1000 * (time.perf_counter() - start_s)
+            with self._lock:
+                changed = self._graph.adopt(problem, solution)
+            for one in changed:
+                if not one.kept or one.kept_before is not None:
+                    self._tell(one)
+        except Exception as error:
+            self._problem = f'the graph is not solved: {with_traceback(error)}'
+            self.get_logger().error(self._problem)
+        finally:
+            self._solving.release()
+
+    def _tell(self, one: Known) -> None:
+        query_s, reference_s = one.closure.query_ns / 1e9, one.closure.reference_ns / 1e9
+        verdict = 'accepted after all' if one.kept else 'refused'
+        self.get_logger().warning(
+            f'closure of {query_s:.3f} with {reference_s:.3f} is {verdict}: {one.apart_m:.1f} m '
+            f'off, {one.error:.1f} standard deviations'
+        )
+
+    def _report(self) -> None:
+        with self._lock:
+            values = self._graph.counts
+            drive = self._graph.running
+            count = len(drive.keyframes)
+            poses = None
+            if self._path.get_subscription_count() and count:
+                poses = self._graph.corrected(drive)
+                stamps = [drive.stamps[at] for at in drive.keyframes]
+        if poses is not None:
+            self._path.publish(path_message(stamps, poses, self._config.map_frame))
+        level, text = self._state(values)
+        values |= {'solve_ms': self._solve_ms, 'update_ms': self._update_ms}
+        values |= {'odom': self._odometry.topic, 'graph_file': self._config.graph_file}
+        name = f'{self.get_fully_qualified_name().lstrip("/")}: pose graph'
+        message = DiagnosticArray(status=[status_message(level, name, text, values, self._map_id)])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    def _state(self, values: dict[str, Any]) -> tuple[bytes, str]:
+        if self._problem:
+            return DiagnosticStatus.ERROR, self._problem
+        if self._transform.problem:
+            return DiagnosticStatus.ERROR, self._transform.problem
+        if not values['keyframes']:
+            return DiagnosticStatus.WARN, f'no odometry on {self._odometry.topic}'
+        text = '{keyframes} keyframes; closures: {kept} kept, {refused} refused'.format(**values)
+        return DiagnosticStatus.OK, text
+
+    def _on_save(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            response.message = self._save() or 'no graph_file, tum_file or g2o_file is set'
+            response.success = True
+        except (ConvseqError, OSError) as error:
+            response.message = str(error)
+        return response
+
+    def _save(self) -> str:
+        """Write the files that are wanted, and return their names; OSError if one fails."""
+        config, written = self._config, []
+        with self._lock:
+            if self._file and save_graph(self._graph, self._file, self._map_id):
+                written.append(str(self._file))
+            poses, edges = self._graph.whole()
+            drive = self._graph.running
+            stamps = [drive.stamps[at] for at in drive.keyframes]
+            corrected = self._graph.corrected(drive)
+        texts = ((config.tum_file, tum(stamps, corrected)), (config.g2o_file, g2o(poses, edges)))
+        for name, lines in texts:
+            if name and poses:
+                with complete_or_absent(Path(name)) as part:
+                    part.write_text(''.join(f'{line}\n' for line in lines), encoding='utf-8')
+                written.append(name)
+        return ', '.join(written) and f'written: {", ".join(written)}'
+
+
+def path_message(stamps_ns: list[int], poses: Matrix, frame_id: str) -> PathMessage:
+    """Return poses (n, 4, 4) as a path."""
+    stamped = [
+        PoseStamped(
+            header=Header(stamp=stamp_from_ns(stamp_ns), frame_id=frame_id),
+            pose=pose_only_message(pose_of(pose)),
+        )
+        for stamp_ns, pose in zip(stamps_ns, poses, strict=True)
+    ]
+    return PathMessage(header=stamped[-1].header, poses=stamped)
+
+
+def _place_of(name: str) -> tuple[str, int]:
+    """Return the session and the stamp of `session/stamp_ns`; 0 if it has no stamp."""
+    session, _, stamp = name.rpartition('/')
+    return session, int(stamp) if stamp.isdecimal() else 0
+
+
+def _is_covariance(matrix_: Matrix) -> bool:
+    """Return whether a matrix (6, 6) is finite, and no variance is negative."""
+    return bool(np.isfinite(matrix_).all() and np.linalg.eigvalsh(matrix_).min() >= -1e-6)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM; return the exit code."""
+    return run_until_signal(PoseGraphNode, args, 'pose_graph_node')

@@ -1,0 +1,155 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The odometry of one drive over time; some of its poses are keyframes."""
+
+from bisect import bisect_right
+import math
+
+from convseq_ros.config.pose_graph_config import PoseGraphConfig
+from convseq_ros.core.rigid import angle, inverse, Matrix, turned_by
+from convseq_ros.core.types import constants
+from convseq_ros.pose_graph.edges import Edge
+import cv2
+import numpy as np
+
+
+@constants
+class ODOMETRY:
+    """Limits of odometry; engineering, not studied."""
+
+    turn_rad: float = 0.35  # after which a keyframe is made
+    thinned_m: float = 0.1  # poses closer than this, and than `thinned_rad`, are not kept
+    thinned_rad: float = 0.03
+    fastest_mps: float = 50.0  # a faster motion is a reset, ...
+    fastest_radps: float = 10.0
+    excused_m: float = 1.0  # ... beyond this
+    excused_rad: float = 0.5
+    lost_m: float = 5.0  # standard deviations of the motion during a reset
+    lost_rad: float = 1.0
+    jump_back_ns: int = 1_000_000_000  # a clock that goes back further begins anew
+
+
+class Odometry:
+    """
+    Poses of a drive, continuous in a frame of their own, and the keyframes among them.
+
+    When odometry is reset, the robot stays where it is: `bridge` (4, 4) is the pose of the frame
+    of odometry, as it is now, in the frame of the drive. `spread` are the variances of the
+    keyframes, position (m2) and heading (rad2), since the start of the drive.
+    """
+
+    def __init__(self, config: PoseGraphConfig, session: str = '') -> None:
+        self.session, self.bridge, self.resets = session, np.eye(4), 0
+        self.stamps: list[int] = []
+        self.poses: list[Matrix] = []
+        self.keyframes: list[int] = []
+        self.spread: list[tuple[float, float]] = []
+        self._config = config
+        self._raw = self._newest = self._last_keyframe = np.eye(4)
+        self._is_passing = False  # whether the next pose replaces the newest one
+        self._way_m = self._lost_m2 = self._lost_rad2 = 0.0
+        self._told: tuple[float, float] | None = None  # variances of the last keyframe's message
+
+    def is_anew(self, stamp_ns: int) -> bool:
+        """Return whether the clock was set back: the drive of this pose is another one."""
+        return bool(self.stamps) and self.stamps[-1] - stamp_ns > ODOMETRY.jump_back_ns
+
+    def add(self, stamp_ns: int, raw: Matrix, told: tuple[float, float] | None = None) -> bool:
+        """
+        Append a pose (4, 4) of odometry; return whether it became a keyframe.
+
+        `told` are the variances of position and heading in its message. A late pose is ignored.
+        """
+        if self.stamps and stamp_ns <= self.stamps[-1]:
+            return False
+        if self.stamps:
+            self._bridge_reset(stamp_ns, raw)
+        pose, self._raw = self.bridge @ raw, raw
+        if self.poses:
+            self._way_m += math.dist(pose[:3, 3], self._newest[:3, 3])
+        if self._is_passing:
+            del self.stamps[-1], self.poses[-1]
+        self._newest = pose
+        self.stamps.append(stamp_ns)
+        self.poses.append(pose)
+        if is_keyframe := not self.keyframes or self._is_apart(pose):
+            self._add_keyframe(pose, told)
+        self._is_passing = not is_keyframe and _is_near(
+            self.poses[-2], pose, ODOMETRY.thinned_m, ODOMETRY.thinned_rad
+        )
+        return is_keyframe
+
+    def _bridge_reset(self, stamp_ns: int, raw: Matrix) -> None:
+        """Let the drive go on where it was, if odometry jumped; the motion is then unknown."""
+        passed_s = (stamp_ns - self.stamps[-1]) / 1e9
+        furthest_m = ODOMETRY.fastest_mps * passed_s + ODOMETRY.excused_m
+        furthest_rad = ODOMETRY.fastest_radps * passed_s + ODOMETRY.excused_rad
+        if not _is_near(self._raw, raw, furthest_m, furthest_rad):
+            self.bridge = self.poses[-1] @ inverse(raw)
+            self.resets += 1
+            self._lost_m2, self._lost_rad2 = ODOMETRY.lost_m**2, ODOMETRY.lost_rad**2
+            self._told = None
+
+    def _is_apart(self, pose: Matrix) -> bool:
+        distance_m = self._config.graph_spacing_m
+        is_near = _is_near(self._last_keyframe, pose, distance_m, ODOMETRY.turn_rad)
+        return bool(self._lost_m2) or not is_near
+
+    def _add_keyframe(self, pose: Matrix, told: tuple[float, float] | None) -> None:
+        variances = self._lost_m2, self._lost_rad2
+        if self.spread:
+            metres, radians = self._config.odometry_sigma_m, self._config.odometry_sigma_rad
+            way_m = max(0.1, self._way_m)
+            grown = metres**2 * way_m, radians**2 * way_m
+            if told and self._told and told[0] > self._told[0] and told[1] > self._told[1]:
+                grown = told[0] - self._told[0], told[1] - self._told[1]
+            metres2, radians2 = self.spread[-1]
+            variances = variances[0] + grown[0] + metres2, variances[1] + grown[1] + radians2
+        self.spread.append(variances)
+        self.keyframes.append(len(self.poses) - 1)
+        self._last_keyframe, self._told = pose, told
+        self._way_m = self._lost_m2 = self._lost_rad2 = 0.0
+
+    def at(self, stamp_ns: int) -> Matrix | None:
+        """Return the interpolated pose (4, 4) at a time; None if it is outside the drive."""
+        after = bisect_right(self.stamps, stamp_ns)
+        if not after or stamp_ns > self.stamps[-1]:
+            return None
+        if after == len(self.stamps):
+            return self.poses[-1]
+        first, second = self.poses[after - 1], self.poses[after]
+        span_ns = self.stamps[after] - self.stamps[after - 1]
+        share = (stamp_ns - self.stamps[after - 1]) / span_ns
+        moved = inverse(first) @ second
+        part = np.eye(4)
+        part[:3, :3] = turned_by(share * cv2.Rodrigues(moved[:3, :3])[0].ravel())
+        part[:3, 3] = share * moved[:3, 3]
+        return np.asarray(first @ part)
+
+    def place(self, stamp_ns: int) -> tuple[int, Matrix] | None:
+        """Return the number of the last keyframe before a time, and the pose (4, 4) since it."""
+        if (pose := self.at(stamp_ns)) is None:
+            return None
+        sample = bisect_right(self.stamps, stamp_ns) - 1
+        number = bisect_right(self.keyframes, sample) - 1
+        return number, inverse(self.keyframe(number)) @ pose
+
+    def keyframe(self, number: int) -> Matrix:
+        """Return the pose (4, 4) of a keyframe."""
+        return self.poses[self.keyframes[number]]
+
+    def edge(self, start: int, end: int, first: int) -> Edge:
+        """Return the motion between two keyframes; `first` is the first keyframe's node."""
+        moved = inverse(self.keyframe(start)) @ self.keyframe(end)
+        (metres, radians), (more_m2, more_rad2) = self.spread[start], self.spread[end]
+        turned = more_rad2 - radians
+        # An error of the heading half-way moves the end aside.
+        position = more_m2 - metres + turned * float(moved[:3, 3] @ moved[:3, 3]) / 3
+        covariance = np.diag([position] * 3 + [turned] * 3)
+        return Edge(first + start, first + end, moved, covariance, False)
+
+
+def _is_near(first: Matrix, second: Matrix, metres: float, radians: float) -> bool:
+    if math.dist(first[:3, 3], second[:3, 3]) >= metres:
+        return False
+    return angle(first[:3, :3].T @ second[:3, :3]) < radians

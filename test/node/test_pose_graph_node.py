@@ -1,0 +1,359 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The pose graph as a node: topics in, `map -> odom`, path, diagnostics and files out."""
+
+import math
+import os
+from pathlib import Path
+import sys
+import types
+from unittest.mock import Mock
+
+from convseq_ros.core.rigid import inverse, Matrix, matrix, pose_of, turned_by
+from convseq_ros.errors import ConvseqError
+from convseq_ros.node.conversions import pose_only_message, stamp_from_ns
+from convseq_ros.node.map_to_odom import MapToOdom
+from convseq_ros.pose_graph.graph_file import map_of
+from convseq_ros.sources.pose_track import pose_from_message
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMessage
+import numpy as np
+from programs import run
+import pytest
+from std_msgs.msg import Float64MultiArray, Header
+from std_srvs.srv import Trigger
+
+pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
+
+SECOND = 1_000_000_000
+LAP, NUM = 40, 80
+EXACT = np.diag([0.01] * 3 + [1e-4] * 3).ravel()
+
+
+def steps(scale: float, turn: float) -> list[Matrix]:
+    """Return poses round a square with sides of 10 m, twice, a metre apart."""
+    poses = [np.eye(4)]
+    for step in range(NUM):
+        moved = np.eye(4)
+        moved[:3, :3] = turned_by((0, 0, turn if step % 10 == 9 else 0.0))
+        moved[0, 3] = scale
+        poses.append(poses[-1] @ moved)
+    return poses
+
+
+TRUE, DRIFTED = steps(1.0, math.pi / 2), steps(1.03, math.pi / 2 + 0.06)
+
+
+def stamp(step: int) -> int:
+    return SECOND + step * SECOND // 5
+
+
+def odometry(step: int, frame_id: str = 'odom') -> Odometry:
+    message = Odometry(header=Header(stamp=stamp_from_ns(stamp(step)), frame_id=frame_id))
+    message.pose.pose = pose_only_message(pose_of(DRIFTED[step]))
+    return message
+
+
+def closure(query: int, reference: int, session: str = 'a', own: str = 'a') -> Odometry:
+    message = Odometry(header=Header(stamp=stamp_from_ns(stamp(query))))
+    message.header.frame_id = f'{session}/{stamp(reference)}'
+    message.child_frame_id = f'{own}/{stamp(query)}'
+    moved = inverse(TRUE[reference]) @ TRUE[query]
+    message.pose.pose, message.pose.covariance = pose_only_message(pose_of(moved)), EXACT
+    return message
+
+
+def map_info(map_id: str = 'the map', last_ns: int = 0, sessions: str = 'a') -> DiagnosticArray:
+    values = {'map_id': map_id, 'last_stamp_ns': last_ns, 'session_ids': sessions}
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    return DiagnosticArray(status=[DiagnosticStatus(values=pairs)])
+
+
+@pytest.fixture
+def graph_node(client):
+    """Return a maker of a node that the client's executor serves, too."""
+    from convseq_ros.node.pose_graph_node import PoseGraphNode
+
+    made = []
+
+    def make(*ros_args: str, **parameters: object) -> PoseGraphNode:
+        words = [w for name, value in parameters.items() for w in ('-p', f'{name}:={value}')]
+        words += ['-p', 'graph_spacing_m:=0.9', '-p', 'period_s:=0.05', *ros_args]
+        node = PoseGraphNode(context=client.node.context, cli_args=['--ros-args', *words])
+        client.executor.add_node(node)
+        made.append(node)
+        return node
+
+    yield make
+    for node in made:
+        client.executor.remove_node(node)
+        node.destroy_node()
+
+
+def drive(node, first: int = 0, last: int = NUM) -> None:
+    for step in range(first, last + 1):
+        node._on_odometry(odometry(step))
+
+
+def close(client, node, *closures: Odometry) -> None:
+    """Give a node closures, and wait until they are solved."""
+    for one in closures:
+        node._on_closure(one)
+    client.wait_for(lambda: all(k.kept is not None for k in node._graph.known.values()))
+
+
+RIGHT = [closure(LAP + at, at) for at in range(2, LAP, 6)]
+
+
+def test_over_topics_a_drive_is_corrected_and_a_false_closure_is_refused_and_told(
+    client, graph_node, monkeypatch
+):
+    node = graph_node()
+    monkeypatch.setattr(node, 'get_logger', Mock())
+    heard = {
+        name: client.listen(kind, name)
+        for name, kind in (
+            ('/pose_graph_node/map_to_odom', TransformStamped),
+            ('/pose_graph_node/path', PathMessage),
+            ('/diagnostics', DiagnosticArray),
+        )
+    }
+    moved, path, told = heard.values()
+    publish = {
+        name: client.camera(kind, name)
+        for name, kind in (
+            ('/odom', Odometry),
+            ('/vpr_node/closure_odometry', Odometry),
+            ('/vpr_node/loop_closure', Float64MultiArray),
+        )
+    }
+    for step in range(NUM + 1):
+        publish['/odom'].publish(odometry(step))
+    for one in RIGHT:
+        publish['/vpr_node/closure_odometry'].publish(one)
+    # By hand: the two times of places that are 14 m apart.
+    publish['/vpr_node/loop_closure'].publish(
+        Float64MultiArray(data=[stamp(60) / 1e9, stamp(4) / 1e9])
+    )
+
+    def counts():
+        values = client.values_of(told[-1])
+        return values['keyframes'], values['kept'], values['refused']
+
+    wanted = str(NUM + 1), str(len(RIGHT)), '1'
+    client.wait_for(lambda: counts() == wanted)
+    assert told[-1].status[0].level == DiagnosticStatus.OK
+    (warning,) = [call.args[0] for call in node.get_logger().warning.call_args_list]
+    assert warning.startswith('closure of 13.000 with 1.800 is refused: ')
+    # As REP-105 has it: map -> odom, at a time of odometry, moves its pose to the end of the path.
+    path.clear()
+    publish['/odom'].publish(last := odometry(NUM))
+    last.header.stamp = stamp_from_ns(stamp(NUM + 1))
+    publish['/odom'].publish(last)
+    client.wait_for(lambda: moved[-1].header.stamp == last.header.stamp and path)
+    assert (moved[-1].header.frame_id, moved[-1].child_frame_id) == ('map', 'odom')
+    shift = moved[-1].transform
+    there = types.SimpleNamespace(position=shift.translation, orientation=shift.rotation)
+    end = matrix(pose_from_message(there)) @ DRIFTED[NUM]
+    assert np.allclose(end, matrix(pose_from_message(path[-1].poses[-1].pose)), atol=1e-6)
+    assert path[-1].header.frame_id == 'map' and len(path[-1].poses) == NUM + 1
+    off_m = np.linalg.norm(end[:3, 3] - TRUE[NUM][:3, 3])
+    assert off_m < 0.3 * np.linalg.norm(DRIFTED[NUM][:3, 3] - TRUE[NUM][:3, 3])
+
+
+def test_the_node_takes_the_odometry_that_the_recogniser_takes(client, graph_node, vpr):
+    recogniser = vpr('-r', 'odom:=/wheels')
+    node = graph_node()
+    client.wait_for(lambda: node._odometry.topic == '/wheels')
+    remapped = graph_node('-r', 'odom:=/visual', '-r', '__node:=other')
+    remapped._follow()
+    assert remapped._odometry.topic == '/visual'
+    assert recogniser.get_name() == 'vpr_node'
+
+
+def test_files_are_written_by_the_service_and_at_the_end_and_read_again(
+    client, graph_node, tmp_path
+):
+    pytest.importorskip('gtsam')
+    names = {'graph_file': 'map.graph', 'tum_file': 'way.txt', 'g2o_file': 'way.g2o'}
+    files = {name: tmp_path / file for name, file in names.items()}
+    node = graph_node(**files)
+    drive(node)
+    node._on_map(map_info(last_ns=stamp(70)))
+    assert node._graph.running.session == 'a'
+    close(client, node, *RIGHT)
+    answer = client.call(Trigger, '/pose_graph_node/save')
+    assert answer.success and all(str(path) in answer.message for path in files.values())
+    lines = files['tum_file'].read_text().splitlines()
+    assert len(lines) == NUM + 1 and lines[0].startswith('1.000000000 ')
+    kinds = [line.split()[0] for line in files['g2o_file'].read_text().splitlines()]
+    assert kinds.count('VERTEX_SE3:QUAT') == NUM + 1
+    assert kinds.count('EDGE_SE3:QUAT') == NUM + len(RIGHT)
+    assert map_of(files['graph_file']) == 'the map'
+    for path in files.values():
+        path.unlink()
+    client.executor.remove_node(node)
+    node.destroy_node()
+    assert all(path.exists() for path in files.values())
+    after = graph_node(**files)
+    assert after._graph.earlier[0].session == 'a'
+    assert after._graph.counts['kept'] == len(RIGHT)
+
+
+def test_evo_reads_the_trajectory(client, graph_node, tmp_path):
+    file_interface = pytest.importorskip('evo.tools.file_interface')
+    node = graph_node(tum_file=tmp_path / 'way.txt')
+    drive(node)
+    assert node._save() == f'written: {tmp_path / "way.txt"}'
+    read = file_interface.read_tum_trajectory_file(str(tmp_path / 'way.txt'))
+    assert read.timestamps[-1] == pytest.approx(stamp(NUM) / 1e9)
+    ends = np.array(DRIFTED)[:, :3, 3]
+    assert np.abs(read.positions_xyz - ends).max() < 1e-6
+
+
+# Bad input.
+
+
+def test_the_graph_of_another_map_is_told_and_not_overwritten(client, graph_node, tmp_path):
+    path = tmp_path / 'map.graph'
+    node = graph_node(graph_file=path)
+    drive(node)
+    node._on_map(map_info(last_ns=stamp(70)))
+    node._save()
+    kept = path.read_bytes()
+    other = graph_node('-r', '__node:=other', graph_file=path)
+    drive(other)
+    other._on_map(map_info('another map', stamp(70)))
+    assert 'is the graph of another map; choose another' in other._state(other._graph.counts)[1]
+    assert not other._graph.earlier and other._save() == ''
+    assert path.read_bytes() == kept
+
+
+def test_a_damaged_graph_ends_the_start(client, graph_node, tmp_path):
+    path = tmp_path / 'map.graph'
+    path.write_bytes(b'PK\x03\x04 and no more')
+    with pytest.raises(ConvseqError, match='not a whole graph'):
+        graph_node(graph_file=path)
+    assert path.read_bytes() == b'PK\x03\x04 and no more'
+
+
+def test_a_kill_while_saving_leaves_the_old_file(client, graph_node, tmp_path, monkeypatch):
+    path = tmp_path / 'map.graph'
+    node = graph_node(graph_file=path)
+    drive(node, last=40)
+    node._on_map(map_info(last_ns=stamp(30)))
+    node._save()
+    kept = path.read_bytes()
+    drive(node, 41)
+    monkeypatch.setattr(os, 'replace', Mock(side_effect=OSError('killed')))  # before the rename
+    with pytest.raises(OSError, match='map'):
+        node._save()
+    assert path.read_bytes() == kept
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'frame': 'base_link'},
+        {'child': 'a/none'},
+        {'covariance': [math.nan] * 36},
+        {'covariance': [-1.0] * 36},
+        {'x': math.inf},
+    ],
+)
+def test_a_message_that_is_no_closure_is_left_out_and_told(graph_node, change, monkeypatch):
+    node = graph_node()
+    monkeypatch.setattr(node, 'get_logger', Mock())
+    message = closure(50, 10)
+    message.header.frame_id = change.get('frame', message.header.frame_id)
+    message.child_frame_id = change.get('child', message.child_frame_id)
+    message.pose.covariance = change.get('covariance', message.pose.covariance)
+    message.pose.pose.position.x = change.get('x', 0.0)
+    node._on_closure(message)
+    node._on_pair(Float64MultiArray(data=[1.0]))
+    assert not node._graph.known
+    assert node.get_logger().warning.call_count == 2
+
+
+def test_a_reset_and_a_clock_that_goes_back_are_told(graph_node, monkeypatch):
+    node = graph_node()
+    monkeypatch.setattr(node, 'get_logger', Mock())
+    drive(node, last=30)
+    jumped = odometry(31)
+    jumped.pose.pose.position.x += 500.0
+    node._on_odometry(jumped)
+    drive(node, 0, 5)
+    lines = [call.args[0] for call in node.get_logger().warning.call_args_list]
+    assert lines[0].startswith('odometry was reset')
+    assert lines[1].startswith('the clock was set back')
+    assert node._graph.counts['keyframes'] == 6
+
+
+def test_without_gtsam_it_is_one_line(tmp_path):
+    pytest.importorskip('rclpy')
+    (tmp_path / 'gtsam.py').write_text('raise ImportError("none")\n')
+    paths = os.pathsep.join([str(tmp_path), *sys.path])
+    code = 'from convseq_ros.node.pose_graph_node import main; raise SystemExit(main())'
+    result = run(sys.executable, '-c', code, env=os.environ | {'PYTHONPATH': paths}, timeout=60)
+    assert result.returncode == 1
+    (line,) = [text for text in result.stderr.splitlines() if 'INFO' not in text]
+    assert 'gtsam is not installed' in line and 'pip install gtsam' in line
+
+
+# TF: tf2_msgs is not on PyPI, so what would be on /tf is recorded.
+
+
+@pytest.fixture
+def transforms(monkeypatch):
+    """Return a node's mock and its MapToOdom, with a stand-in for tf2_msgs."""
+    kind = type('TFMessage', (), {'__init__': lambda self, transforms: setattr(
+        self, 'transforms', transforms)})  # fmt: skip
+    module = types.ModuleType('tf2_msgs.msg')
+    module.TFMessage = kind
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', types.ModuleType('tf2_msgs'))
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', module)
+    node, topics = Mock(), {}
+    node.create_publisher = lambda _kind, name, _qos, **_more: topics.setdefault(name, Mock())
+    return node, topics, MapToOdom(node, 'map', True)
+
+
+def test_the_transform_is_broadcast_at_most_20_times_a_second(transforms):
+    _, topics, made = transforms
+    for ms in range(0, 200, 10):
+        made.publish(SECOND + ms * 10**6, 'odom', np.eye(4))
+    assert topics['/tf'].publish.call_count == topics['~/map_to_odom'].publish.call_count == 4
+    (one,) = topics['/tf'].publish.call_args.args[0].transforms
+    assert (one.header.frame_id, one.child_frame_id) == ('map', 'odom')
+
+
+def test_a_second_publisher_of_the_transform_ends_the_broadcast_in_one_line(transforms):
+    node, topics, made = transforms
+    made.publish(SECOND, 'odom', np.eye(4))
+    own = topics['/tf'].publish.call_args.args[0]
+    made._on_tf(own)  # comes back
+    assert not made.problem
+    base = TransformStamped(header=Header(frame_id='odom'), child_frame_id='base_link')
+    made._on_tf(types.SimpleNamespace(transforms=[base]))
+    assert not made.problem
+    theirs = TransformStamped(header=Header(frame_id='world'), child_frame_id='odom')
+    for _ in range(3):
+        made._on_tf(types.SimpleNamespace(transforms=[theirs]))
+    made.publish(2 * SECOND, 'odom', np.eye(4))
+    assert topics['/tf'].publish.call_count == 1
+    assert topics['~/map_to_odom'].publish.call_count == 2
+    (line,) = [call.args[0] for call in node.get_logger().error.call_args_list]
+    assert line == made.problem and 'world -> odom is on /tf already' in line
+
+
+def test_odometry_in_the_frame_of_the_map_has_no_transform(transforms):
+    _, topics, made = transforms
+    made.publish(SECOND, 'map', np.eye(4))
+    assert "odometry is in frame 'map'" in made.problem
+    assert not topics['~/map_to_odom'].publish.called
+
+
+def test_the_files_of_a_package_start_it():
+    assert (Path(sys.prefix) / 'bin' / 'pose_graph_node').is_file()
+    assert (Path(sys.prefix) / 'lib' / 'convseq_ros' / 'pose_graph_node').is_file()

@@ -1,0 +1,300 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The growing pose graph: drift goes, false closures are refused, bad input is survived."""
+
+import math
+
+from convseq_ros.config.pose_graph_config import PoseGraphConfig
+from convseq_ros.core.rigid import inverse, Matrix, turned_by
+from convseq_ros.core.types import UNKNOWN_M2
+from convseq_ros.errors import MapError
+from convseq_ros.pose_graph.graph import Closure, PoseGraph
+from convseq_ros.pose_graph.graph_file import load_graph, map_of, save_graph
+import numpy as np
+import pytest
+
+pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
+
+SECOND = 1_000_000_000
+SIDE, LAP = 20, 80
+MEASURED = np.diag([0.01] * 3 + [1e-4] * 3)
+SAME_PLACE = np.diag([UNKNOWN_M2] * 3 + [0.02] * 3)
+
+
+def pose(x: float, y: float = 0.0, yaw: float = 0.0) -> Matrix:
+    moved = np.eye(4)
+    moved[:3, :3], moved[:2, 3] = turned_by((0, 0, yaw)), (x, y)
+    return moved
+
+
+def squares(laps: int = 2, scale: float = 1.0, excess_rad: float = 0.0) -> list[Matrix]:
+    """Return poses round a square with sides of 20 m, a metre apart."""
+    poses = [np.eye(4)]
+    for step in range(LAP * laps):
+        turn = math.pi / 2 + excess_rad if step % SIDE == SIDE - 1 else 0.0
+        poses.append(poses[-1] @ pose(scale, 0.0, turn))
+    return poses
+
+
+TRUE = squares()
+DRIFTED = squares(scale=1.03, excess_rad=0.08)
+
+
+def stamp(step: int) -> int:
+    return SECOND + step * SECOND // 5
+
+
+def closure(query: int, reference: int, moved: Matrix | None = None, **more: object) -> Closure:
+    if moved is None:
+        moved = inverse(TRUE[reference]) @ TRUE[query]
+    return Closure(stamp(query), stamp(reference), moved, MEASURED, **more)
+
+
+RIGHT = [closure(LAP + at, at) for at in range(1, LAP, 5)]
+FALSE = [closure(120, 12, np.eye(4)), closure(135, 24, np.eye(4)), closure(150, 100, np.eye(4))]
+
+
+def driven(poses: list[Matrix], graph: PoseGraph | None = None, first: int = 0) -> PoseGraph:
+    graph = graph or PoseGraph(PoseGraphConfig(graph_spacing_m=0.9))
+    for step, at in enumerate(poses, first):
+        graph.add_odometry(stamp(step), at)
+    return graph
+
+
+def solve(graph: PoseGraph, *closures: Closure) -> list[bool | None]:
+    """Add closures and solve; return which are kept."""
+    for one in closures:
+        graph.add_closure(one)
+    if problem := graph.problem():
+        graph.adopt(problem, problem.solve())
+    return [graph.known[one.key].kept for one in closures]
+
+
+def error_m(graph: PoseGraph) -> float:
+    way = graph.corrected(graph.running)[:, :3, 3]
+    return float(np.abs(way - np.array(TRUE)[:, :3, 3]).max())
+
+
+def test_closures_take_the_drift_out_and_false_ones_are_refused():
+    graph = driven(DRIFTED)
+    assert error_m(graph) > 5
+    kept = solve(graph, *FALSE, *RIGHT)
+    assert kept == [False] * 3 + [True] * len(RIGHT)
+    assert all(graph.known[one.key].apart_m > 5 for one in FALSE)
+    with_false = error_m(graph)
+    alone = driven(DRIFTED)
+    solve(alone, *RIGHT)
+    assert with_false == pytest.approx(error_m(alone), abs=0.02)
+    # The second lap lies on the first one, which drifts as far as odometry says it may.
+    way = graph.corrected(graph.running)[:, :3, 3]
+    assert np.linalg.norm(way[LAP + 1 :] - way[1 : LAP + 1], axis=1).max() < 0.5
+    assert graph.counts['refused'] == 3 and graph.counts['kept'] == len(RIGHT)
+
+
+def test_a_verdict_may_be_taken_back():
+    """Alone, a false closure is possible; those that contradict it come later."""
+    config = PoseGraphConfig(graph_spacing_m=0.9, odometry_sigma_rad=0.05)
+    graph = driven(DRIFTED, PoseGraph(config))
+    near = closure(LAP + 3, 3, pose(4.0, 3.0))
+    assert solve(graph, near) == [True]
+    solve(graph, *RIGHT)
+    one = graph.known[near.key]
+    assert (one.kept, one.kept_before) == (False, True)
+
+
+def test_the_correction_moves_the_newest_odometry_to_the_end_of_the_way():
+    graph = driven(DRIFTED)
+    assert np.allclose(graph.correction, np.eye(4))
+    solve(graph, *RIGHT)
+    end = graph.corrected(graph.running)[-1]
+    assert np.allclose(graph.correction @ DRIFTED[-1], end)
+    # New keyframes extend the way without being solved.
+    graph.add_odometry(stamp(len(TRUE)), DRIFTED[-1] @ pose(1.0))
+    assert np.allclose(graph.corrected(graph.running)[-1], end @ pose(1.0))
+
+
+def test_keyframes_between_solved_ones_blend(monkeypatch):
+    from convseq_ros.pose_graph import graph as module
+
+    exact = driven(DRIFTED)
+    solve(exact, *RIGHT)
+    monkeypatch.setattr(module, 'LIVE', type('Few', (), {**_few(module.LIVE), 'most_even': 10}))
+    coarse = driven(DRIFTED)
+    solve(coarse, *RIGHT)
+    assert len(coarse.solved) < 0.5 * len(exact.solved)
+    assert error_m(coarse) == pytest.approx(error_m(exact), abs=0.3)
+
+
+def _few(constants: object) -> dict[str, object]:
+    return {name: getattr(constants, name) for name in ('loose', 'patience_ns', 'most_poses')}
+
+
+def test_without_a_position_both_visits_are_near_each_other():
+    graph = driven(DRIFTED)
+    steps = range(1, LAP, 5)
+    kept = solve(
+        graph, *(Closure(stamp(LAP + at), stamp(at), np.eye(4), SAME_PLACE) for at in steps)
+    )
+    assert all(kept)
+    way = graph.corrected(graph.running)[:, :3, 3]
+    assert np.linalg.norm(way[LAP + 1 :] - way[1 : LAP + 1], axis=1).max() < 2.0
+
+
+def test_odometry_with_a_growing_covariance_is_believed_accordingly():
+    """One closure contradicts odometry by a metre: the more certain one wins."""
+    ends = []
+    for variance in (1e-4, 1e2):
+        graph = PoseGraph(PoseGraphConfig())
+        for step in range(11):
+            told = variance * (1 + step), variance * (1 + step)
+            graph.add_odometry(stamp(step), pose(2.0 * step), told)
+        solve(graph, Closure(stamp(10), stamp(0), pose(21.0), MEASURED))
+        ends.append(graph.corrected(graph.running)[-1, 0, 3])
+    assert ends[0] < 20.1 and ends[1] > 20.9
+
+
+# Bad input.
+
+
+def test_a_reset_of_odometry_goes_on_where_the_robot_was():
+    graph = driven(DRIFTED[:100])
+    driven([inverse(DRIFTED[100]) @ at for at in DRIFTED[100:]], graph, 100)  # begins at zero
+    assert graph.running.resets == 1
+    right = [one for one in RIGHT if one.query_ns > stamp(100)]
+    assert all(solve(graph, *right))
+    end = graph.correction @ inverse(DRIFTED[100]) @ DRIFTED[-1]
+    assert np.linalg.norm((inverse(end) @ graph.corrected(graph.running)[-1])[:3, 3]) < 1e-6
+    way = graph.corrected(graph.running)[:, :3, 3]
+    assert np.linalg.norm(way[-10:] - way[LAP - 9 : LAP + 1], axis=1).max() < 1.0
+
+
+def test_odometry_that_is_lost_for_a_while_goes_on():
+    graph = PoseGraph(PoseGraphConfig())
+    driven(TRUE[60:100], driven(TRUE[:10], graph), 60)
+    assert graph.running.resets == 0
+    assert solve(graph, closure(95, 5)) == [True]
+
+
+def test_closures_before_odometry_wait_for_it():
+    graph = PoseGraph(PoseGraphConfig(graph_spacing_m=0.9))
+    assert solve(graph, *RIGHT[:2]) == [None, None]
+    driven(DRIFTED[: LAP + 4], graph)
+    assert solve(graph) == [] and [graph.known[one.key].kept for one in RIGHT[:2]] == [True, None]
+    driven(DRIFTED[LAP + 4 :], graph, LAP + 4)
+    solve(graph)
+    assert graph.known[RIGHT[1].key].kept
+    assert graph.counts['waiting'] == 0
+
+
+def test_the_same_closure_again_counts_once_and_a_measured_one_wins():
+    graph = driven(DRIFTED)
+    same = Closure(RIGHT[0].query_ns + 300, RIGHT[0].reference_ns, np.eye(4), SAME_PLACE)
+    solve(graph, same, RIGHT[0], RIGHT[0], same)  # 300 ns are less than a float64 tells
+    assert len(graph.known) == 1 and graph.twice == 3
+    assert graph.known[RIGHT[0].key].closure is RIGHT[0]
+
+
+@pytest.mark.parametrize(
+    'absent',
+    [
+        closure(100, 10, session='another map'),
+        Closure(stamp(100), -SECOND, np.eye(4), MEASURED),
+        Closure(-SECOND, stamp(3), np.eye(4), MEASURED),
+    ],
+)
+def test_a_closure_to_a_place_without_a_pose_is_counted(absent):
+    graph = driven(DRIFTED)
+    assert solve(graph, absent) == [False]
+    assert graph.without_place == 1 and graph.counts['refused'] == 0
+    assert graph.problem() is None
+
+
+def test_a_place_of_the_map_moves_the_drive_into_the_frame_of_the_map():
+    graph, there = driven(DRIFTED[:30]), pose(200.0, -50.0, 2.0)
+    for step in (22, 25, 28):
+        graph.add_pose(stamp(step), there @ DRIFTED[step], MEASURED)
+        graph.add_closure(closure(step, 3, session='earlier'))
+    solve(graph)
+    assert np.allclose(graph.correction, there, atol=0.2)
+
+
+def test_a_clock_that_goes_back_begins_the_graph_anew():
+    graph = driven(DRIFTED)
+    solve(graph, *RIGHT)
+    graph.add_odometry(stamp(40), DRIFTED[40])
+    assert graph.counts['clock_jumps'] == 1
+    assert len(graph.running.keyframes) == 1 and not graph.known
+    assert np.allclose(graph.correction, np.eye(4))
+    graph.add_odometry(stamp(40) - 1000, DRIFTED[39])  # late by a little: left out
+    assert graph.counts['clock_jumps'] == 1
+
+
+# The file.
+
+
+@pytest.fixture
+def stored(tmp_path):
+    """Return the file of a graph of one session, and the graph."""
+    graph = driven(DRIFTED)
+    graph.running.session = 'first'
+    solve(graph, *RIGHT, *FALSE)
+    path = tmp_path / 'map.graph'
+    assert save_graph(graph, path, 'the map') == 1
+    return path, graph
+
+
+def test_the_next_drive_finds_the_earlier_one_in_the_file(stored):
+    path, before = stored
+    graph = load_graph(path, before.config, 'the map')
+    earlier = graph.earlier[0]
+    assert np.allclose(graph.corrected(earlier), before.corrected(before.running))
+    assert graph.counts['kept'] == before.counts['kept'] and graph.counts['refused'] == 3
+    assert graph.correction is None  # until it is known where in the map the robot is
+    later, there = 10**6, pose(30.0, 60.0, 1.0)
+    driven([there @ at for at in DRIFTED[:40]], graph, later)
+    for step in (5, 15, 25, 35):
+        graph.add_closure(Closure(stamp(later + step), stamp(step), np.eye(4), MEASURED, 'first'))
+    solve(graph)
+    end = graph.correction @ there @ DRIFTED[39]
+    assert np.allclose(end, graph.corrected(earlier)[39], atol=0.5)
+    graph.running.session = 'second'
+    assert save_graph(graph, path, 'the map') == 2
+    again = load_graph(path, before.config)
+    assert [one.session for one in again.earlier] == ['first', 'second']
+    assert again.counts['kept'] == before.counts['kept'] + 4
+
+
+def test_a_graph_of_another_map_is_refused(stored):
+    path, graph = stored
+    assert map_of(path) == 'the map'
+    with pytest.raises(MapError, match='is the graph of another map; choose another graph_file'):
+        load_graph(path, graph.config, 'other')
+
+
+@pytest.mark.parametrize('share', [0.0, 0.3, 0.9, 0.999])
+def test_a_damaged_graph_is_refused_and_stays(stored, share):
+    path, graph = stored
+    whole = path.read_bytes()
+    damaged = whole[: int(share * len(whole))]
+    path.write_bytes(damaged)
+    with pytest.raises(MapError, match=r'not a whole graph \(.*\); move it away'):
+        load_graph(path, graph.config)
+    assert path.read_bytes() == damaged
+    assert map_of(path) == ''
+
+
+@pytest.mark.parametrize('name', ['keyframes', 'ends', 'nodes', 'stamps', 'spread', 'poses'])
+def test_a_graph_whose_parts_do_not_fit_is_refused(stored, name):
+    path, graph = stored
+    with np.load(path) as file:
+        arrays = dict(file)
+    array = arrays[name]
+    arrays[name] = array[:-1] if name in ('stamps', 'spread', 'poses') else array + 10**6
+    with path.open('wb') as file:
+        np.savez(file, **arrays)
+    with pytest.raises(MapError, match='not a whole graph'):
+        load_graph(path, graph.config)
+
+
+def test_a_drive_that_is_no_session_of_the_map_is_not_kept(stored, tmp_path):
+    assert save_graph(driven(DRIFTED), tmp_path / 'none.graph', 'the map') == 0

@@ -1,0 +1,90 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""slam.launch.py starts what its arguments say; `launch`, which PyPI has not, is recorded."""
+
+from pathlib import Path
+import runpy
+import sys
+import types
+
+import pytest
+
+LAUNCH = Path(__file__).resolve().parents[1] / 'launch' / 'slam.launch.py'
+SHARE = LAUNCH.parents[1]
+
+
+class Recorded:
+    def __init__(self, *args, **kwargs):
+        self.args, self.kwargs = args, kwargs
+
+
+class Configuration(Recorded):
+    def perform(self, context):
+        return context.get(self.args[0], self.kwargs.get('default', ''))
+
+
+@pytest.fixture
+def launched(monkeypatch):
+    """Return what makes the included file's arguments and the nodes of given arguments."""
+    names = {
+        'ament_index_python.packages': {'get_package_share_directory': lambda _: str(SHARE)},
+        'launch': {'LaunchDescription': Recorded},
+        'launch.actions': dict.fromkeys(
+            ('DeclareLaunchArgument', 'IncludeLaunchDescription', 'OpaqueFunction'), Recorded
+        ),
+        'launch.launch_description_sources': {'PythonLaunchDescriptionSource': Path},
+        'launch.substitutions': {'LaunchConfiguration': Configuration},
+        'launch_ros.actions': {'Node': Recorded},
+        'launch_ros.parameter_descriptions': {'ParameterValue': lambda text, **_type: text},
+    }
+    for name, content in names.items():
+        module = types.ModuleType(name)
+        module.__dict__.update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+
+    def make(**given):
+        namespace = {'__file__': str(LAUNCH)}
+        exec(compile(LAUNCH.read_text(), str(LAUNCH), 'exec'), namespace)
+        *declared, include, function = namespace['generate_launch_description']().args[0]
+        context = {one.args[0]: one.kwargs['default_value'] for one in declared} | given
+        passed = {
+            name: value.perform(context) for name, value in include.kwargs['launch_arguments']
+        }
+        assert include.args[0] == LAUNCH.with_name('vpr.launch.py')
+        return passed, [node.kwargs for node in function.kwargs['function'](context)]
+
+    return make
+
+
+def test_without_arguments_a_map_is_made_online(launched):
+    passed, (graph,) = launched()
+    assert passed['mode'] == 'online' and passed['closure_interval_s'] == '2.0'
+    assert graph['executable'] == 'pose_graph_node'
+    assert graph['parameters'] == [{'use_sim_time': False}]
+    assert graph['remappings'] == []
+
+
+def test_the_graph_lies_beside_the_map_and_its_parameters_are_arguments(launched):
+    passed, (graph,) = launched(
+        map_path='home.db', mode='preloaded', odom='/wheels', use_sim_time='true',
+        namespace='robot1', odometry_sigma_m='0.2', map_frame='site',
+    )  # fmt: skip
+    assert passed['mode'] == 'preloaded'
+    assert graph['parameters'] == [
+        {'map_frame': 'site', 'odometry_sigma_m': 0.2, 'graph_file': 'home.db.graph',
+         'use_sim_time': True}
+    ]  # fmt: skip
+    assert graph['remappings'] == [('odom', '/wheels')] and graph['namespace'] == 'robot1'
+
+
+def test_rviz_shows_the_corrected_path_in_the_namespace(launched):
+    launched()
+    vpr = runpy.run_path(str(LAUNCH.with_name('vpr.launch.py')))
+    text = Path(vpr['_layout']('/robot1')).read_text()
+    assert '/robot1/vpr_node/markers' in text and '/robot1/pose_graph_node/path' in text
+    assert ' /vpr_node/' not in text and ' /pose_graph_node/' not in text
+
+
+def test_two_publishers_of_one_transform_are_refused(launched):
+    with pytest.raises(ValueError, match='publish_tf: pose_graph_node broadcasts map -> odom'):
+        launched(publish_tf='true')
