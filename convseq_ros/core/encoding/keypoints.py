@@ -25,7 +25,7 @@ _SHARES = 256  # steps of a stored position
 
 @constants
 class ORB:
-    """ORB and its matches; 300 in 4 octaves separate as 500 in 8 do (`scripts/keypoints.py`)."""
+    """ORB and its matches; on corridor, 300 in 4 octaves separate as 500 in 8 do (NOTES.md)."""
 
     longer_px: int = 320  # of the copy; smaller images are enlarged
     octaves: int = 4
