@@ -85,8 +85,8 @@ def test_a_known_stretch_is_accepted_and_an_unknown_one_is_not(street, drive, co
     matches = drive(PlaceRecognizer(street, config), ways)
     assert accepted(matches[:15]) == [None] * 15
     assert accepted(matches[17:40]) == [*range(17, 40)]
-    assert accepted(matches[42:]) == [None] * 18
-    assert {match.reason for match in matches[:15] + matches[42:]} <= {
+    assert accepted(matches[45:]) == [None] * 15
+    assert {match.reason for match in matches[:15] + matches[45:]} <= {
         Reason.WEAK,
         Reason.AMBIGUOUS,
     }
@@ -177,9 +177,12 @@ def test_odometry_that_jumps_resets_or_stops_counts_for_three_frames(described, 
         assert 0 <= match.confidence <= 1
         is_right = match.accepted is None or abs(match.accepted.reference_index - place) <= 2
         assert is_right or 0 <= match.query_index - first < 3
-    # From the fourth frame after the last jump on.
-    last = max(jumps) + 1 if len(jumps) < 3 else first
-    assert accepted(matches[last + 3 :]) == ways[last + 3 :]
+    # From the fourth frame after the last jump on. Odometry that stands holds the belief back, but
+    # only among places that a single frame hardly tells apart.
+    stands = len(jumps) > 2
+    start = 3 + (first if stands else max(jumps) + 1)
+    behind = np.array(ways[start:]) - accepted(matches[start:])
+    assert set(behind) <= ({0, 1, 2} if stands else {0})
 
 
 @pytest.mark.skipif(not available(), reason='needs compiled kernels')
