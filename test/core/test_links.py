@@ -358,8 +358,11 @@ def test_laps_are_linked_alike_in_one_session_and_in_three(tmp_path, image):
     assert len(three.sessions) == LAPS
     for made in (one, three):
         assert all(is_right(*pair) for pair in made.links)
-        assert len(made.links) > 0.8 * (LAPS - 1) * LAP
-    assert len(dict(one.links).keys() ^ dict(three.links).keys()) < 0.1 * LAPS * LAP
+    # In one session, too few other places are old enough until the drive is half a lap further.
+    late = {*range(LAP + LAP // 2 + 2, LAPS * LAP)}
+    linked = [dict(made.links).keys() for made in (one, three)]
+    assert all(len(late & places) > 0.8 * len(late) for places in linked)
+    assert len(late & (linked[0] ^ linked[1])) < 0.1 * len(late)
 
 
 def test_merging_links_maps_to_one_another_unless_told_otherwise(tmp_path, image):

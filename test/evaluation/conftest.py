@@ -92,16 +92,16 @@ def street(tmp_path):
 @pytest.fixture
 def loop(tmp_path):
     """Return a drive twice round the same way, to be matched against its own past."""
-    images = [*views(12), *views(12, noise=3.0, start=2)]
+    images = [*views(36), *views(36, noise=3.0, start=2)]
     written(tmp_path / 'drive', images)
     (tmp_path / 'loops.csv').write_text(
-        'query,reference\n' + ''.join(f'{index},{index - 12}\n' for index in range(12, 24))
+        'query,reference\n' + ''.join(f'{index},{index - 36}\n' for index in range(36, 72))
     )
     made = Street(tmp_path, tmp_path / 'street.yaml')
     made.write("""
 name: loop
 query: {path: drive}
 truth: {kind: table, path: loops.csv, tolerance: 1}
-exclude_recent: 6
+exclude_recent: 20
 """)
     return made
