@@ -98,7 +98,7 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
         assert len(maps[1]) < len(PLACES) - 15
         return
     assert len(maps[1]) == len(PLACES) - 2
-    assert {'accepted', 'recent', 'stationary', 'ambiguous'} <= {row['reason'] for row in expected}
+    assert {'accepted', 'recent', 'stationary'} <= {row['reason'] for row in expected}
     yaws = [float(row['relative_yaw_rad']) for row in expected if row['reason'] == 'accepted']
     assert len(yaws) > 5
     # Turned left by 40 px of a focal length of 300 px.
