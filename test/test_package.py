@@ -210,8 +210,17 @@ def test_pip_installs_what_ros2_run_executes(manifest):
     assert_node_reports_a_missing_map([str(node)], dict(os.environ))
 
 
-def test_one_wheel_serves_every_python():
-    tags = metadata.distribution('convseq_ros').read_text('WHEEL') or ''
+@pytest.fixture
+def wheel() -> metadata.Distribution:
+    """Return what pip installed; colcon makes no wheel, and lists the sources' files instead."""
+    installed = metadata.distribution('convseq_ros')
+    if installed.read_text('WHEEL') is None:
+        pytest.skip('convseq_ros is not installed from a wheel')
+    return installed
+
+
+def test_one_wheel_serves_every_python(wheel):
+    tags = wheel.read_text('WHEEL')
     assert re.search(r'^Tag: py3-none-\w+$', tags, re.MULTILINE)
 
 
@@ -263,8 +272,8 @@ def test_the_robot_block_of_the_readme_works(workspace):
     assert node.returncode == 0
 
 
-def test_nothing_of_the_repository_but_the_package_is_installed():
-    tops = {file.parts[0] for file in metadata.files('convseq_ros') or () if file.suffix == '.py'}
+def test_nothing_of_the_repository_but_the_package_is_installed(wheel):
+    tops = {file.parts[0] for file in wheel.files or () if file.suffix == '.py'}
     assert tops <= {'convseq_ros', '..'}  # the second is a launch file in share
 
 
