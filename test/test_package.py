@@ -82,7 +82,7 @@ KNOWN_KEYS = set(
     """
     ament_index_python builtin_interfaces diagnostic_msgs geometry_msgs launch_ros
     launch_testing_ros lifecycle_msgs nav_msgs rcl_interfaces rclpy ros2launch rosgraph_msgs
-    sensor_msgs std_msgs std_srvs visualization_msgs
+    sensor_msgs std_msgs std_srvs tf2_msgs visualization_msgs
     build-essential python3-hypothesis python3-matplotlib python3-mypy python3-numpy
     python3-opencv python3-pytest python3-skimage python3-tqdm python3-yaml
 """.split()
