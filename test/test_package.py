@@ -82,7 +82,7 @@ KNOWN_KEYS = set(
     """
     ament_index_python builtin_interfaces diagnostic_msgs geometry_msgs launch_ros
     launch_testing_ros lifecycle_msgs nav_msgs rcl_interfaces rclpy ros2launch rosgraph_msgs
-    sensor_msgs std_msgs std_srvs visualization_msgs
+    sensor_msgs std_msgs std_srvs tf2_msgs visualization_msgs
     build-essential python3-hypothesis python3-matplotlib python3-mypy python3-numpy
     python3-opencv python3-pytest python3-skimage python3-tqdm python3-yaml
 """.split()
@@ -210,8 +210,17 @@ def test_pip_installs_what_ros2_run_executes(manifest):
     assert_node_reports_a_missing_map([str(node)], dict(os.environ))
 
 
-def test_one_wheel_serves_every_python():
-    tags = metadata.distribution('convseq_ros').read_text('WHEEL') or ''
+@pytest.fixture
+def wheel() -> metadata.Distribution:
+    """Return what pip installed; colcon makes no wheel, and lists the sources' files instead."""
+    installed = metadata.distribution('convseq_ros')
+    if installed.read_text('WHEEL') is None:
+        pytest.skip('convseq_ros is not installed from a wheel')
+    return installed
+
+
+def test_one_wheel_serves_every_python(wheel):
+    tags = wheel.read_text('WHEEL')
     assert re.search(r'^Tag: py3-none-\w+$', tags, re.MULTILINE)
 
 
@@ -263,8 +272,8 @@ def test_the_robot_block_of_the_readme_works(workspace):
     assert node.returncode == 0
 
 
-def test_nothing_of_the_repository_but_the_package_is_installed():
-    tops = {file.parts[0] for file in metadata.files('convseq_ros') or () if file.suffix == '.py'}
+def test_nothing_of_the_repository_but_the_package_is_installed(wheel):
+    tops = {file.parts[0] for file in wheel.files or () if file.suffix == '.py'}
     assert tops <= {'convseq_ros', '..'}  # the second is a launch file in share
 
 

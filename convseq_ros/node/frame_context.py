@@ -16,7 +16,7 @@ from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.once import Once
 from convseq_ros.node.topics import FollowingSubscription
-from convseq_ros.sources.camera_info import camera_from_info, fitted
+from convseq_ros.sources.camera_info import camera_from_info, correction, fitted
 from convseq_ros.sources.depth import decode_depth, Depth, KEPT, nearest
 from convseq_ros.sources.mount import as_parameter, mount_of, pose_of_transform
 from convseq_ros.sources.pose_track import LONGEST_GAP_NS, pose_from_message, PoseTrack
@@ -239,6 +239,8 @@ class CameraDescription:
         try:
             self._camera = camera_from_info(message)
             self._frame_id = message.header.frame_id
+            if line := correction(message, self._camera):
+                self._once.warn(f'{self._subscription.topic}: {line}')
         except SourceError as error:
             self._camera = None
             self._once.warn(f'{self._subscription.topic}: {one_line(error)}')

@@ -79,6 +79,7 @@ def _info(
 
 
 _MODELS = {'fisheye': 'equidistant'}  # other names of the same model
+_BROWN = 'plumb_bob', 'rational_polynomial'  # the second has the first's numbers and more
 
 
 def camera_from_info(message: Any) -> Camera | None:
@@ -111,18 +112,34 @@ def camera_from_info(message: Any) -> Camera | None:
 
 def _distortion(message: Any) -> tuple[str, tuple[float, ...]]:
     """Return the model and its coefficients; SourceError if OpenCV could not invert them."""
-    model = str(getattr(message, 'distortion_model', ''))
+    model = given = str(getattr(message, 'distortion_model', ''))
     numbers = tuple(float(value) for value in getattr(message, 'd', ()))
     if not any(numbers):
         return '', ()
-    lengths = COEFFICIENTS.get(_MODELS.get(model, model), ())
+    model = _MODELS.get(model, model)
+    if model in _BROWN:  # some drivers give one's name with the other's numbers
+        model = next((name for name in _BROWN if len(numbers) in COEFFICIENTS[name]), model)
+    lengths = COEFFICIENTS.get(model, ())
     if len(numbers) not in lengths or not all(map(math.isfinite, numbers)):
         names = ', '.join([*COEFFICIENTS, *_MODELS])
         raise SourceError(
-            f'camera_info: distortion {model!r} of {len(numbers)} numbers cannot be taken out; '
+            f'camera_info: distortion {given!r} of {len(numbers)} numbers cannot be taken out; '
             f'give finite numbers of one of {names}, or none'
         )
-    return _MODELS.get(model, model), numbers
+    return model, numbers
+
+
+def correction(message: Any, camera: Camera | None) -> str:
+    """Return a line if a camera's distortion is not of the model that its message names."""
+    named = str(message.distortion_model)
+    if not camera or not camera.distortion:
+        return ''
+    if _MODELS.get(named, named) == camera.distortion_model:
+        return ''
+    return (
+        f'distortion {named!r} of {len(camera.distortion)} numbers is read as '
+        f'{camera.distortion_model!r}; mend the name in the calibration'
+    )
 
 
 def fitted(camera: Camera, height: int, width: int) -> Camera:

@@ -78,6 +78,7 @@ def listening():
 
 
 def test_workers_of_the_same_process_answer_alike(drives, expected, answers_of):
+    pytest.importorskip('distributed', reason='needs dask.distributed, the extra `fleet`')
     maps, _, again = drives
     with connected(Cluster(workers=2, are_threads=True)) as client:
         assert client.scheduler.address.startswith('inproc://')

@@ -5,7 +5,7 @@
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.sources import open_annotated, open_source
-from convseq_ros.sources.camera_info import camera_from_info, fitted
+from convseq_ros.sources.camera_info import camera_from_info, correction, fitted
 from convseq_ros.sources.recording import read_camera
 import numpy as np
 import pytest
@@ -16,15 +16,17 @@ P = (400.0, 0.0, 300.0, 0.0, 0.0, 410.0, 230.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 CAMERA = Camera(640, 480, 500.0, 510.0, 320.0, 240.0)
 
 
-def info(k=K, p=P, size=(640, 480), binning=(0, 0), roi=(0, 0, 0, 0)):
+def info(
+    k=K, p=P, size=(640, 480), binning=(0, 0), roi=(0, 0, 0, 0), model='plumb_bob', d=(0.0,) * 5
+):
     kinds = recordings.ROS2.types
     x, y, height, width = roi
     return kinds['sensor_msgs/msg/CameraInfo'](
         recordings.header(10**9),
         size[1],
         size[0],
-        'plumb_bob',
-        np.zeros(5),
+        model,
+        np.array(d),
         np.array(k),
         np.eye(3).ravel(),
         np.array(p),
@@ -55,6 +57,26 @@ def test_an_impossible_camera_is_refused_in_one_line(change):
     with pytest.raises(SourceError, match='calibrate it') as caught:
         camera_from_info(info(**change))
     assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('named', 'count', 'taken'),
+    [('plumb_bob', 8, 'rational_polynomial'), ('rational_polynomial', 5, 'plumb_bob')],
+)
+def test_the_numbers_tell_which_of_two_models_is_meant(named, count, taken):
+    message = info(model=named, d=(0.1,) * count)
+    camera = camera_from_info(message)
+    assert (camera.distortion_model, camera.distortion) == (taken, (0.1,) * count)
+    line = correction(message, camera)
+    assert line.startswith(f'distortion {named!r} of {count} numbers is read as {taken!r}; ')
+    right = info(model=taken, d=(0.1,) * count)
+    assert camera_from_info(right) == camera and correction(right, camera) == ''
+
+
+def test_a_distortion_of_no_model_is_refused():
+    for model, count in [('plumb_bob', 6), ('equidistant', 5)]:
+        with pytest.raises(SourceError, match=f"'{model}' of {count} numbers cannot be taken out"):
+            camera_from_info(info(model=model, d=(0.1,) * count))
 
 
 def test_binning_and_a_region_of_interest_count():
