@@ -41,7 +41,7 @@ def test_rows_round_trip(tmp_path):
     assert ','.join(accepted.values()) == (
         '3,3000,accepted,accepted,4,4000,0.9123457,0.8000,7,4,0.9123457,0.5,-2.0,100,1.500,7.5,'
         '-40.0,0.08000,231,localised,0.8000,1.0000,-0.2500,0.0000,0.000000,0.000000,0.000000,'
-        '1.000000,0.2000,0.02000,,0,/rear/image,monday,1000'
+        '1.000000,0.2000,0.02000,,0,/rear/image,monday,1000,'
     )
     assert rejected['reference_index'] == rejected['score'] == rejected['confidence'] == ''
     assert rejected['best_index'] == '4' and rejected['relative_yaw_rad'] == ''

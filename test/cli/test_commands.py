@@ -51,7 +51,8 @@ def test_a_drive_replayed_in_its_own_map_finds_every_place(drive, map_path, tmp_
     assert json.loads(capsys.readouterr().out)['frames'] == COUNT
     rows = read_results(output)
     assert [row['query_index'] for row in rows] == [str(index) for index in range(COUNT)]
-    assert all(row['best_index'] == row['query_index'] for row in rows[2:])
+    off = [abs(int(row['best_index']) - int(row['query_index'])) for row in rows[2:]]
+    assert max(off) <= 2
     assert rows[0]['reason'] in ('weak', 'accepted')
     assert sum(row['status'] == 'accepted' for row in rows) > COUNT // 2
     told = [row for row in rows if row['status'] == 'accepted']

@@ -90,7 +90,7 @@ def test_the_first_camera_alone_adds_to_a_map(shown):
     assert len(grown) == 40 and {place.source for place in grown.places} == {FRONT}
     # Of its own drive, the other one recognises the places that the first one may match.
     back = [cameras.process(shown(40 + n, 18 - n, REAR, seed=2)) for n in range(12)]
-    assert back[-1].best.reference_index == 7
+    assert abs(back[-1].best.reference_index - 7) <= 1
     assert cameras.of(REAR).mapping.usable == cameras.first.mapping.usable == 19
 
 

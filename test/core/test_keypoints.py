@@ -6,7 +6,8 @@ from dataclasses import replace
 import sqlite3
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config, with_values
-from convseq_ros.core.decision.keypoint_witness import brightness, KeypointWitness
+from convseq_ros.core.decision.keypoint_witness import KeypointWitness
+from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.keypoints import agreeing_blocks, detect, Keypoints, matched, NONE
 from convseq_ros.core.map.edit import joined, slices_of, write_new
@@ -25,6 +26,7 @@ SIDE = 30  # regions of an image across and down; a region is three cells wide
 ALL = np.ones((4, 4), bool)
 STAYS = np.zeros((2, 3))  # the motion of the cells between an image and itself
 SMALL = EncodingConfig(image_size_px=128)
+SHOWN = describe(walls(1)[0], SMALL)
 OWN = make_config({'image_size_px': 128, 'keyframe_overlap': 1.0})
 
 
@@ -277,25 +279,25 @@ def test_a_brightness_is_of_a_coarse_grid():
 @pytest.mark.parametrize(('light', 'is_like'), [(1.0, True), (0.93, True), (0.6, False)])
 def test_map_and_drive_are_of_like_light_if_they_are_about_as_bright(walled, light, is_like):
     witness = KeypointWitness(walled, 300)
-    assert [witness.is_like(one, 12) for one in frames(12, light)] == [is_like] * 12
+    assert [witness.is_like(one, SHOWN, 12) for one in frames(12, light)] == [is_like] * 12
 
 
 def test_the_light_of_a_drive_is_its_mean_and_a_reset_forgets_it(walled):
     witness = KeypointWitness(walled, 300)
     (dark,), (light,) = frames(1, 0.5), frames(1)
-    assert not witness.is_like(dark, 12)
-    assert not witness.is_like(light, 12)  # the mean of the drive
+    assert not witness.is_like(dark, SHOWN, 12)
+    assert not witness.is_like(light, SHOWN, 12)  # the mean of the drive
     witness.reset()
-    assert witness.is_like(light, 12)
-    assert witness.is_like(Frame(1, None), 12)  # an unreadable frame changes nothing
+    assert witness.is_like(light, SHOWN, 12)
+    assert witness.is_like(Frame(1, None), SHOWN, 12)  # an unreadable frame changes nothing
 
 
 def test_without_thumbnails_or_images_the_light_is_unknown(walled):
     bare = build_map(
         frames(3), None, replace(OWN, keyframes=replace(EVERY_FRAME, thumbnail_width_px=0))
     )
-    assert not KeypointWitness(bare, 300).is_like(frames(1)[0], 3)
-    assert not KeypointWitness(walled, 300).is_like(Frame(0, None), 12)
+    assert not KeypointWitness(bare, 300).is_like(frames(1)[0], SHOWN, 3)
+    assert not KeypointWitness(walled, 300).is_like(Frame(0, None), SHOWN, 12)
 
 
 def test_a_map_that_grows_is_looked_at_again():
@@ -304,10 +306,10 @@ def test_a_map_that_grows_is_looked_at_again():
     witness, seen = KeypointWitness(grown, 300), describe(walls(1)[0], SMALL)
     for frame in dim:
         grown.add_frame(frame, seen, 64)
-    assert not witness.is_like(light[0], 2)
+    assert not witness.is_like(light[0], SHOWN, 2)
     for frame in light:
         grown.add_frame(frame, seen, 64)
-    assert witness.is_like(light[0], 14)
+    assert witness.is_like(light[0], SHOWN, 14)
 
 
 def answers(values):

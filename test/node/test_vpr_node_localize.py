@@ -64,7 +64,7 @@ def test_every_change_of_the_state_is_published_and_latched_with_one_initial_pos
     told = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
     poses = client.listen(PoseWithCovarianceStamped, '/amcl/initialpose', LATCHED)
     client.wait_for(lambda: told)
-    show(1, 2, 3, 4, *[UNKNOWN] * 8, 20, 21, 22, 23)
+    show(1, 2, 3, 4, *[UNKNOWN] * 16, 20, 21, 22, 23)
     client.wait_for(lambda: len(poses) == 2 and told[-1].message == 'localised')
     states = [each.message for each in told]
     assert all(one != next_one for one, next_one in pairwise(states))

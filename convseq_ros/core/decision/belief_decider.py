@@ -91,10 +91,13 @@ class BeliefDecider:
         return Answer(reason, candidates, length, confidence, excess_m)
 
     def _best_look(self, best: int, seen: Observation) -> int:
-        """Return the look of a place with the highest verification score for the newest frame."""
+        """Return the strongest look of a place for the newest frame, or the place beside it."""
         looks = self._strengths(best, seen)
         strongest = max(looks, key=lambda look: looks[look], default=best)
-        return best if strongest in self._map.bounds.around(best, _WINDOW) else strongest
+        if strongest not in self._map.bounds.around(best, _WINDOW):
+            return strongest
+        beside = [look for look in looks if look in self._map.bounds.around(best, 1)]
+        return max(beside, key=lambda look: looks[look], default=best)
 
     def _learn(self, best: int, seen: Observation) -> None:
         """Update the odometry prior and the likelihood after a match."""

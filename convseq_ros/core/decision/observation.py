@@ -220,7 +220,7 @@ class Observer:
             np.array(said),
             self._near.beside(examined, best, OBSERVED.beside) & has_rivals,
             mass / (1 - belief.elsewhere) if belief.elsewhere < 1 else 0.0,
-            min(1.0, (2 * OBSERVED.beside + 1) / query.usable),
+            min(1.0, (2 * LINKS.beside + 1) / query.usable),
             math.exp(spoken.get(best, 0.0)),
         )
         # A single frame hardly distinguishes a place from its neighbours.

@@ -190,6 +190,8 @@ class MapReader:
                 depths = self._of_places('depths', block, are_all=False) if with_images else {}
                 for index in block:
                     cells, thumbnail, keypoints = stored[index]
+                    if not (isinstance(thumbnail, bytes) and isinstance(keypoints, bytes)):
+                        raise ValueError(f'the thumbnail or keypoints of reference {index}')
                     packed = NO_CELLS
                     if self.encoding.keeps_cells:
                         packed = decode_cells(cells, self._cell_shape)
