@@ -8,6 +8,11 @@ from threading import Lock, Thread
 import time
 from typing import Any
 
+if __name__ == '__main__':
+    from convseq_ros.node.__main__ import pose_graph_main
+
+    pose_graph_main()
+
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.core.rigid import Matrix, matrix, pose_of
 from convseq_ros.core.types import UNKNOWN_M2
