@@ -173,16 +173,17 @@ def test_odometry_that_jumps_resets_or_stops_counts_for_a_few_frames(described, 
     ways = [*range(10, 35)]
     poses = [at(jumps.get(index, place)) for index, place in enumerate(ways)]
     matches, first = drive(PlaceRecognizer(posed, RESTLESS), ways, poses=poses), min(jumps)
+    stands = len(jumps) > 2
     for place, match in zip(ways, matches, strict=True):
         assert 0 <= match.confidence <= 1
-        is_right = match.accepted is None or abs(match.accepted.reference_index - place) <= 2
+        most = 3 if stands else 2  # places off
+        is_right = match.accepted is None or abs(match.accepted.reference_index - place) <= most
         assert is_right or 0 <= match.query_index - first < 5
     # From the fourth frame after the last jump on. Odometry that stands holds the belief back, but
     # only among places that a single frame hardly tells apart.
-    stands = len(jumps) > 2
     start = 3 + (first if stands else max(jumps) + 1)
     behind = np.array(ways[start:]) - accepted(matches[start:])
-    assert set(behind) <= ({0, 1, 2} if stands else {0})
+    assert set(behind) <= ({0, 1, 2, 3} if stands else {0})
 
 
 @pytest.mark.skipif(not available(), reason='needs compiled kernels')
