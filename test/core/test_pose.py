@@ -132,6 +132,7 @@ def test_accepted_matches_are_measured_alike_from_a_file_and_repeatably(street, 
     assert [one.position_m for one in poses[0]] == [one.position_m for one in poses[1]]
 
 
+@pytest.mark.once
 def test_a_match_that_odometry_denies_is_implausible(street):
     config = Config(keyframes=EVERY_FRAME)
     recognizer = PlaceRecognizer(build_map(street[0], None, config), config)
