@@ -8,14 +8,16 @@ program makes each try in a fork, and prints a line of JSON per try.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
+from io import StringIO
 import os
 from pathlib import Path
 import random
 import tempfile
 import traceback
 
+from convseq_ros.cli import main
 from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.edit import joined, slices_of, unlink, without, write_new
 from convseq_ros.core.map.reader import open_map
@@ -31,7 +33,7 @@ from bench.torture.maps import APART, drawn, ENCODING, grow, holds
 
 ABOUT = (
     'A map with links is made, grows, grows after a crash, is saved over another or over what a '
-    'crash left, loses its links, or loses a place; a result table is written: the '
+    'crash left, loses its links, gets them, or loses a place; a result table is written: the '
     'process ends before or within the n-th call that changes the disk, or that call fails, or '
     'the disk is full from then on'
 )
@@ -151,6 +153,25 @@ def _linked_or_not(path: Path, commits: list[int], acknowledged: int) -> None:
     _nothing_beside(path)
 
 
+def _unlinked(path: Path, commits: list[int]) -> None:
+    _some(path, commits)
+    unlink(path)
+
+
+def _link(path: Path, _commits: list[int], _acknowledged: Acknowledged) -> None:
+    with redirect_stdout(StringIO()):
+        if main(['map', 'link', str(path)]):
+            raise MapError('refused')
+
+
+def _links_again(path: Path, commits: list[int], _acknowledged: int) -> None:
+    """Check that all places are there, and that the same command goes on and leaves one file."""
+    assert len(open_map(path)) == commits[0]
+    _link(path, commits, Acknowledged())
+    assert open_map(path).is_linked and holds(path) == commits[0]
+    _nothing_beside(path)
+
+
 def _thin(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
     slices = slices_of(path)
     left = joined(without(slices, {commits[0]}))
@@ -223,6 +244,7 @@ SCENARIOS = {
     'save': Scenario(_some, _save, _old_or_new),
     'save over a crash': Scenario(_crashed, _save, _old_or_new),
     'unlink': Scenario(_some, _unlink, _linked_or_not),
+    'link': Scenario(_unlinked, _link, _links_again),
     'remove': Scenario(_some_more, _thin, _thinned_or_not),
     'result table': Scenario(_rows, _tabulate, _tabulated),
     'complete result table': Scenario(_older, _complete, _whole),

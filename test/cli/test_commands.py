@@ -52,7 +52,7 @@ def test_a_drive_replayed_in_its_own_map_finds_every_place(drive, map_path, tmp_
     rows = read_results(output)
     assert [row['query_index'] for row in rows] == [str(index) for index in range(COUNT)]
     off = [abs(int(row['best_index']) - int(row['query_index'])) for row in rows[2:]]
-    assert max(off) <= 2
+    assert max(off) == 0
     assert rows[0]['reason'] in ('weak', 'accepted')
     assert sum(row['status'] == 'accepted' for row in rows) > COUNT // 2
     told = [row for row in rows if row['status'] == 'accepted']

@@ -17,6 +17,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame
+from convseq_ros.errors import MapError
 import cv2
 import numpy as np
 from pictures import walls
@@ -224,8 +225,8 @@ def test_masked_parts_of_places_have_no_keypoints():
 def test_a_place_whose_keypoints_are_lost_has_none_and_its_cells_remain(walled, saved, kept, said):
     opened = changed(saved, lambda cells, thumbnail, _: (cells, thumbnail, kept))
     witness = KeypointWitness(opened, 300)
-    query = Keypoints.of_stored(walled.keypoints(9))
-    assert opened.keypoints(9) is None and witness.blocks(query, 9, STAYS, SIDE) is None
+    assert opened.keypoints(9) is None
+    assert not witness.knows(9) and witness.knows(8)
     assert bool(opened.unreadable) == bool(said)
     assert (said or '') in opened.unreadable_why
     assert np.array_equal(opened.cells(9), walled.cells(9))
@@ -329,3 +330,20 @@ def test_without_keypoints_cells_decide_alone_and_nothing_else_changes():
         assert np.array_equal(one.packed, other.packed) and one.thumbnail == other.thumbnail
     for one, other in zip(matches[3:], others[3:], strict=True):
         assert one.accepted.reference_index == other.accepted.reference_index
+
+
+def test_a_damaged_thumbnail_is_left_out_of_the_light(walled, monkeypatch):
+    def damaged(index):
+        if index == 5:
+            raise MapError('reference 5 fails its checksum')
+        return thumbnail(index)
+
+    thumbnail = walled.thumbnail
+    monkeypatch.setattr(walled, 'thumbnail', damaged)
+    assert KeypointWitness(walled, 300).is_like(frames(1)[0], SHOWN, 12)
+
+
+def test_without_keypoints_the_light_is_not_read(walled, monkeypatch):
+    monkeypatch.delattr(type(walled), 'thumbnail')
+    witness = KeypointWitness(walled, 0)
+    assert not witness.is_like(frames(1)[0], SHOWN, 12) and not witness.knows(3)

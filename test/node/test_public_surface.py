@@ -59,7 +59,9 @@ def records() -> dict[str, type]:
     while asked:
         one = asked.pop()
         if found.setdefault(one.__name__, one) is one and dataclasses.is_dataclass(one):
-            hints = get_type_hints(one).values()
+            told = [each.fget for each in vars(one).values() if isinstance(each, property)]
+            returned = [get_type_hints(each).get('return') for each in told if each]
+            hints = [*get_type_hints(one).values(), *returned]
             asked += [
                 each for hint in hints for each in classes(hint) if each.__name__ not in found
             ]

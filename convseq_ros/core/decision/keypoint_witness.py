@@ -13,7 +13,8 @@ from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.keypoints import agreeing_blocks, Keypoints
 from convseq_ros.core.map.image_coding import decode_jpeg
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import constants, Descriptor, Doubles, Frame
+from convseq_ros.core.types import constants, Descriptor, Doubles, Frame, Gray
+from convseq_ros.errors import MapError
 import numpy as np
 
 _KEPT = 64  # places whose keypoints are cached; 20 MB
@@ -57,17 +58,21 @@ class KeypointWitness:
             stored = self._map.detect(frame.gray, self._most)
         return Keypoints.of_stored(stored) if self._most and stored is not None else None
 
-    def blocks(
-        self, query: Keypoints, place: int, motion: Doubles | None, side: int
-    ) -> int | None:
-        """Return `agreeing_blocks` of a query and a place; None if the map has no keypoints."""
+    def knows(self, place: int) -> bool:
+        """Return whether keypoints of a place are to be used, and the map has some."""
+        return self._most > 0 and self._of_place(place) is not None
+
+    def blocks(self, query: Keypoints, place: int, motion: Doubles | None, side: int) -> int:
+        """Return `agreeing_blocks` of a query and a place; 0 without keypoints or a motion."""
         known = self._of_place(place)
-        if known is None:
-            return None
-        return 0 if motion is None else agreeing_blocks(query, known, motion, side)
+        if known is None or motion is None:
+            return 0
+        return agreeing_blocks(query, known, motion, side)
 
     def is_like(self, frame: Frame, descriptor: Descriptor, usable: int) -> bool:
         """Take in a frame; return whether drive and map, as far as known, are of like light."""
+        if not self._most:
+            return False
         new = descriptor.brightness
         if new is None and frame.gray is not None:
             new = brightness(frame.gray)
@@ -84,6 +89,13 @@ class KeypointWitness:
     def _mean(self, usable: int) -> Doubles | None:
         """Return the mean brightness (32,) of places' thumbnails; None without any."""
         places = np.unique(np.linspace(0, usable - 1, LIGHT.places).astype(int))
-        images = [decode_jpeg(self._map.thumbnail(place)) for place in places.tolist()]
+        images = [self._thumbnail(place) for place in places.tolist()]
         known = [brightness(image) for image in images if image is not None]
         return np.mean(known, axis=0) if known else None
+
+    def _thumbnail(self, place: int) -> Gray | None:
+        """Return the thumbnail (H, W) of a place; None if there is none, or it is damaged."""
+        try:
+            return decode_jpeg(self._map.thumbnail(place))
+        except MapError:  # told where the cells of the place are read
+            return None

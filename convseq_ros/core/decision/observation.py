@@ -197,29 +197,23 @@ class Observer:
         is_rival = is_peak & ~self._near.mask(examined, best)
         has_rivals = len(self._elsewhere(places, best)) >= OBSERVED.fewest and bool(is_rival.any())
         leads = likelihood.leads(strengths, scores[at], is_rival)
-        mass = float(belief.mass[self._near.beside(belief.places, best, OBSERVED.beside)].sum())
-        asked, is_alike = (
-            {},
-            self._witness.is_like(query.frame, buffer.newest.descriptor, query.usable),
+        is_sure = (
+            self._mass(belief, best, LINKS.beside // 2) >= query.config.acceptance.min_confidence
         )
-        expected = self._near.beside(belief.places, best, LINKS.beside // 2)
-        is_sure = float(belief.mass[expected].sum()) >= query.config.acceptance.min_confidence
+        asked = dict[int, Asked]()
         if not is_sure or leads.cells.max() < KEYPOINTS.surprising:
             asked = self._asked(query, belief, examined[np.argsort(-strengths, kind='stable')])
+        newest = buffer.newest.descriptor
+        is_alike = self._witness.is_like(query.frame, newest, query.usable)
         spoken = {place: likelihood.keypoints(one, is_alike) for place, one in asked.items()}
         likelihood.learn_repeats(asked, is_alike)
-        heard = np.array([*spoken], np.int64)
-        near = self._near.best_beside(
-            examined, heard, np.array([*spoken.values()]), OBSERVED.beside
-        )
-        # Keypoints that deny a place deny those beside it, too.
-        denied = np.where(np.isfinite(near), np.minimum(near, 0.0), 0.0).tolist()
-        said = [spoken.get(*both) for both in zip(order, denied, strict=True)]
+        is_followed = belief.elsewhere < 1
+        mass = self._mass(belief, best, OBSERVED.beside)
         evidence = Evidence(
             leads.cells,
-            np.array(said),
+            self._said(examined, spoken),
             self._near.beside(examined, best, OBSERVED.beside) & has_rivals,
-            mass / (1 - belief.elsewhere) if belief.elsewhere < 1 else 0.0,
+            mass / (1 - belief.elsewhere) if is_followed else 0.0,
             min(1.0, (2 * LINKS.beside + 1) / query.usable),
             math.exp(spoken.get(best, 0.0)),
         )
@@ -235,27 +229,45 @@ class Observer:
         log_ratios[at] += doubted
         return Observation(places, log_ratios, verified, has_rivals, leads, asked)
 
+    def _mass(self, belief: Belief, place: int, distance: int) -> float:
+        """Return the probability of the places within a distance of a place."""
+        return float(belief.mass[self._near.beside(belief.places, place, distance)].sum())
+
+    def _said(self, places: Indices, spoken: Mapping[int, float]) -> Doubles:
+        """
+        Return the log ratios (n,) of places (n,) by keypoints, 0 where these say nothing.
+
+        Keypoints that deny a place deny those beside it, too.
+        """
+        asked, ratios = np.array([*spoken], np.int64), np.array([*spoken.values()])
+        near = self._near.best_beside(places, asked, ratios, OBSERVED.beside)
+        denied = np.where(np.isfinite(near), np.minimum(near, 0.0), 0.0)
+        own = zip(places.tolist(), denied.tolist(), strict=True)
+        return np.array([spoken.get(place, ratio) for place, ratio in own])
+
     def _asked(self, query: Query, belief: Belief, strongest: Indices) -> dict[int, Asked]:
         """
         Return what keypoints say of the strongest places that are apart and the likeliest one.
 
         `strongest` are the verified places (n,), best first. Empty without keypoints.
         """
-        features = query.buffer.newest.features
-        keypoints = self._witness.keypoints(query.frame, query.buffer.newest.descriptor)
-        if keypoints is None or features is None or features.arranged is None:
-            return {}
-        chosen, likeliest = list[int](), belief.likeliest(1)
+        newest, chosen, likeliest = query.buffer.newest, list[int](), belief.likeliest(1)
         known = [place for place in likeliest if place in strongest]
         for place in [*strongest.tolist(), *known]:
             is_apart = not any(self._near.is_near(place, other) for other in chosen)
             if is_apart and (len(chosen) < OBSERVED.asked or place in known):
                 chosen.append(place)
-        side, blocks = features.arranged.side, dict[int, int]()
-        for place in chosen:
-            count = self._witness.blocks(keypoints, place, query.buffer.motion(place), side)
-            if count is not None:
-                blocks[place] = count
+        # Nothing is detected in a frame that cannot be compared.
+        chosen = [place for place in chosen if self._witness.knows(place)]
+        if not chosen or newest.features is None or newest.features.arranged is None:
+            return {}
+        keypoints = self._witness.keypoints(query.frame, newest.descriptor)
+        if keypoints is None:
+            return {}
+        side, motion = newest.features.arranged.side, query.buffer.motion
+        blocks = {
+            place: self._witness.blocks(keypoints, place, motion(place), side) for place in chosen
+        }
         current = {place: place >= query.session_start for place in blocks}
         return self.likelihood.asked(blocks, current)
 

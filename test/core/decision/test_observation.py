@@ -72,6 +72,9 @@ class Told:
     def is_like(self, _frame, _descriptor, _usable):
         return self._is_alike
 
+    def knows(self, place):
+        return self._blocks is not None and self._blocks.get(place, 4) is not None
+
     def keypoints(self, _frame, _descriptor):
         return self._blocks
 
