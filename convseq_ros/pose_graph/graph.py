@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A pose graph that grows while a robot drives: odometry, closures, and the corrected way."""
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -10,13 +11,16 @@ from typing import Any
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.core.rigid import inverse, Matrix
-from convseq_ros.core.types import constants, UNKNOWN_M2
+from convseq_ros.core.types import constants
 from convseq_ros.pose_graph.alignment import agreed
+from convseq_ros.pose_graph.closures import Closure, Known
 from convseq_ros.pose_graph.edges import Edge, link_edge
 from convseq_ros.pose_graph.odometry import Odometry
-from convseq_ros.pose_graph.optimisation import optimise, ROBUST, Solution
+from convseq_ros.pose_graph.optimisation import ROBUST, Solution
+from convseq_ros.pose_graph.solver import Solver
 import numpy as np
 
+Place = tuple[int, Matrix]  # a keyframe, counted over all drives from 1 on, and the pose since it
 _MAP = 0  # node at the origin of the map, from which absolute poses are measured
 
 
@@ -24,57 +28,37 @@ _MAP = 0  # node at the origin of the map, from which absolute poses are measure
 class LIVE:
     """Limits of the growing graph."""
 
-    most_even: int = 500  # keyframes that are solved for beside those of closures, evenly spread
+    every: int = 5  # of so many keyframes one is a node, beside those that closures end at
     loose: float = 1e3  # standard deviation of the start of a drive, metres and radians
     patience_ns: int = 10_000_000_000  # until a closure without a counterpart counts as unusable
     most_poses: int = 1000  # absolute poses that wait for their closure
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Closure:
-    """The pose of a robot at one time, measured from where it was at another."""
-
-    query_ns: int
-    reference_ns: int
-    moved: Matrix  # (4, 4), pose of the query in the reference's frame
-    covariance: Matrix  # (6, 6), in the reference's axes; UNKNOWN_M2 where there is no position
-    session: str = ''  # of the reference; empty for the running drive
-
-    @property
-    def key(self) -> tuple[int, str, int]:
-        """The pair of places; microseconds, as a float64 of seconds tells them."""
-        return round(self.query_ns / 1000), self.session, round(self.reference_ns / 1000)
-
-    @property
-    def is_measured(self) -> bool:
-        """Whether the position is known."""
-        return bool(self.covariance[:3, :3].max() < UNKNOWN_M2 / 2)
-
-
-@dataclass(slots=True)
-class Known:
-    """What became of a closure."""
-
-    closure: Closure
-    edge: Edge | None = None  # None while one of its places is not known
-    kept: bool | None = None  # whether the solution agrees; None before it is solved
-    kept_before: bool | None = None  # the verdict before the last one
-    error: float = 0.0  # in standard deviations
-    apart_m: float = 0.0  # distance between the measured and the corrected position
-
-
-@dataclass(frozen=True, eq=False, slots=True)
 class Problem:
     """What is solved at a time; it does not change while the graph grows."""
 
-    edges: list[Edge]
-    start: dict[int, Matrix]
+    poses: dict[int, Matrix]  # (4, 4), by node, in the order in which they came
+    steps: list[Edge]  # odometry between successive nodes
+    links: list[Known]  # the closures
     held: dict[int, float]
-    links: list[Known]  # in the order of the links among the edges
+    first: int  # node of the running drive
+    solver: Solver
 
     def solve(self) -> Solution:
         """Return the robust solution; ConvseqError if GTSAM is not installed."""
-        return optimise(self.edges, self.start, self.held)
+        edges = [one.edge for one in self.links if one.edge]
+        solution = self.solver.extended(self.poses, self.steps, edges, self.held)
+        return solution or self.solver.anew(self._aligned(edges), self.steps, edges, self.held)
+
+    def _aligned(self, edges: list[Edge]) -> dict[int, Matrix]:
+        """Return the poses, with the running drive where most links with earlier drives see it."""
+        poses, first = self.poses, self.first
+        between = [edge for edge in edges if edge.end >= first > edge.start]
+        if not between:
+            return poses
+        move = agreed([(poses[one.start] @ one.moved, poses[one.end]) for one in between])
+        return poses | {at: move @ pose for at, pose in poses.items() if at >= first}
 
 
 @dataclass(eq=False)
@@ -90,16 +74,23 @@ class PoseGraph:
     config: PoseGraphConfig = field(default_factory=PoseGraphConfig)
     earlier: list[Odometry] = field(default_factory=list)
     known: dict[tuple[int, str, int], Known] = field(default_factory=dict)
-    solved: dict[int, Matrix] = field(default_factory=dict)  # (4, 4), by node
+    solved: dict[int, Matrix] = field(default_factory=dict)  # (4, 4), by node, ascending
     without_place: int = 0  # closures of which a place is not in the graph, nor in the map's frame
     twice: int = 0  # closures that came again
     restarts: int = 0  # clocks that were set back
 
     def __post_init__(self) -> None:
-        self.running = Odometry(self.config)
+        self._begin()
         self._absolute = dict[int, tuple[Matrix, Matrix]]()
+
+    def _begin(self) -> None:
+        """Begin a drive, and solve all anew."""
+        self.running = Odometry(self.config)
         self._is_aligned = not self.earlier  # whether the running drive is in the frame of the map
         self._move = np.eye(4)  # correction of its newest keyframe
+        self._nodes: list[int] = []  # ascending
+        self._steps: list[Edge] = []
+        self._solver = Solver()
 
     def add_odometry(
         self, stamp_ns: int, pose: Matrix, told: tuple[float, float] | None = None
@@ -110,8 +101,7 @@ class PoseGraph:
             first = self._first(self.running)
             self.solved = {node: at for node, at in self.solved.items() if node < first}
             self.known = {key: one for key, one in self.known.items() if _ends_before(one, first)}
-            self.running = Odometry(self.config)
-            self._is_aligned, self._move = not self.earlier, np.eye(4)
+            self._begin()
         self.running.add(stamp_ns, pose, told)
 
     def add_closure(self, closure: Closure) -> None:
@@ -146,49 +136,61 @@ class PoseGraph:
         if not self.running.keyframes:
             return None
         waiting = [one for one in self.known.values() if one.edge is None and one.kept is None]
-        if not any([self._find(one) for one in waiting]):
+        found = [(one, places) for one in waiting if (places := self._places(one))]
+        if not found:
             return None
+        self._extend({query[0] for _, (_, _, query) in found} | self.solved.keys())
+        for one, places in found:
+            one.edge = self._link(*places)
         links = [one for one in self.known.values() if one.edge]
-        edges = [one.edge for one in links if one.edge]
-        ends = {node for edge in edges for node in (edge.start, edge.end)}
-        start, held = {_MAP: np.eye(4)}, {_MAP: ROBUST.held}
-        total = sum(len(drive.keyframes) for drive in self.drives)
-        step = max(1, math.ceil(total / LIVE.most_even))
+        held = {self._first(drive): LIVE.loose for drive in self.drives}
+        if self.earlier or not any(one.edge and one.edge.start == _MAP for one in links):
+            held[1] = ROBUST.held
+        poses = {_MAP: np.eye(4), **self.solved}
+        held[_MAP], first = ROBUST.held, self._first(self.running)
+        return Problem(poses, [*self._steps], links, held, first, self._solver)
+
+    def _extend(self, wanted: set[int]) -> None:
+        """Make nodes of new keyframes: each so many, and those of `wanted` after the last node."""
         for drive in self.drives:
-            first, count = self._first(drive), len(drive.keyframes)
-            inside = {node - first for node in ends if first <= node < first + count}
-            chosen = sorted(inside | {*range(0, count, step), count - 1})
-            poses = self.corrected(drive, chosen)
-            start |= {first + at: pose for at, pose in zip(chosen, poses, strict=True)}
-            is_origin = first == 1 and (bool(self.earlier) or _MAP not in ends)
-            held[first] = ROBUST.held if is_origin else LIVE.loose
-            edges += [drive.edge(a, b, first) for a, b in pairwise(chosen)]
-        self._align(links, start)
-        return Problem(edges, start, held, links)
+            first = self._first(drive)
+            end = first + len(drive.keyframes)
+            old = self._nodes[bisect_left(self._nodes, first) : bisect_left(self._nodes, end)]
+            begin, least = (old[-1] + LIVE.every, old[-1]) if old else (first, first - 1)
+            new = sorted({*range(begin, end, LIVE.every), *(n for n in wanted if least < n < end)})
+            fresh = [node for node in new if node not in self.solved]
+            if drive is self.running:
+                poses = [self._move @ drive.keyframe(node - first) for node in fresh]
+            else:
+                poses = [*self.corrected(drive, [node - first for node in fresh])]
+            self.solved |= dict(zip(fresh, poses, strict=True))
+            ends = pairwise([*old[-1:], *new])
+            self._steps += [drive.edge(a - first, b - first, first) for a, b in ends]
+            self._nodes += new
 
     def adopt(self, problem: Problem, solution: Solution) -> list[Known]:
         """Take over a solution; return the closures on which the verdict is new."""
+        if problem.solver is not self._solver:
+            return []  # the drive began anew
         changed = []
-        first, poses = self._first(self.running), solution.poses
+        first, poses = problem.first, solution.poses
         for one, kept, error in zip(problem.links, solution.kept, solution.errors, strict=True):
-            edge = one.edge
-            if edge is None or self.known.get(one.closure.key) is not one:
-                continue
-            if one.kept is not kept:
+            one.error, edge = error, one.edge
+            if edge and one.kept is not kept:
                 changed.append(one)
-            one.kept_before, one.kept, one.error = one.kept, kept, error
-            there = poses[edge.start] @ edge.moved
-            one.apart_m = math.dist(there[:3, 3], poses[edge.end][:3, 3])
-            self._is_aligned |= kept and edge.end >= first > edge.start
-        self.solved = poses
-        if (node := max(poses)) >= first:
+                one.kept_before, one.kept = one.kept, kept
+                there = poses[edge.start] @ edge.moved
+                one.apart_m = math.dist(there[:3, 3], poses[edge.end][:3, 3])
+                self._is_aligned |= kept and edge.end >= first > edge.start
+        self.solved = {node: pose for node, pose in poses.items() if node != _MAP}
+        if (node := self._nodes[-1]) >= first:
             self._move = poses[node] @ inverse(self.running.keyframe(node - first))
         return changed
 
     def corrected(self, drive: Odometry, numbers: Sequence[int] | None = None) -> Matrix:
         """Return the poses (n, 4, 4) of a drive's keyframes; between solved ones they blend."""
         first, count = self._first(drive), len(drive.keyframes)
-        wanted = np.arange(count) if numbers is None else np.array(numbers)
+        wanted = np.arange(count) if numbers is None else np.array(numbers, int)
         poses = np.array([drive.keyframe(int(at)) for at in wanted]).reshape(-1, 4, 4)
         fixed = np.array(sorted(n - first for n in self.solved if first <= n < first + count))
         if not len(fixed):
@@ -242,52 +244,53 @@ class PoseGraph:
         drives = self.drives
         return 1 + sum(len(one.keyframes) for one in drives[: drives.index(drive)])
 
-    def _find(self, one: Known) -> bool:
-        """Find both places of a closure; return whether that has just been done."""
+    def _places(self, one: Known) -> tuple[Closure, Place, Place] | None:
+        """Return a closure as it is used, with its reference and query; None if one is unknown."""
         closure = one.closure
-        query = self.running.place(closure.query_ns)
+        found = self.running.place(closure.query_ns)
         reference = self._reference(closure)
-        moved, covariance = closure.moved, closure.covariance
         if reference is None and closure.query_ns in self._absolute:
             moved, covariance = self._absolute[closure.query_ns]
+            closure = replace(closure, moved=moved, covariance=covariance)
             reference = _MAP, np.eye(4)
         elif not closure.is_measured:
-            moved, covariance = moved.copy(), covariance.copy()
+            moved, covariance = closure.moved.copy(), closure.covariance.copy()
             moved[:3, 3] = covariance[:3] = covariance[:, :3] = 0
             covariance[:3, :3] = np.eye(3) * self.config.closure_sigma_m**2
-        node = self._first(self.running) + (query[0] if query else 0)
-        if query is None or reference is None or reference[0] == node:
-            first_ns, newest_ns = self.running.stamps[0], self.running.stamps[-1]
-            is_too_early = closure.query_ns < first_ns
-            if is_too_early or newest_ns - closure.query_ns > LIVE.patience_ns:
-                one.kept = False
-                self.without_place += 1
-            return False
-        edge = link_edge(reference[0], node, moved, covariance)
-        between = reference[1] @ moved @ inverse(query[1])
-        one.edge = replace(edge, moved=between)
-        return True
+            closure = replace(closure, moved=moved, covariance=covariance)
+        query = found and (self._first(self.running) + found[0], found[1])
+        if query and reference and query[0] != reference[0]:
+            return closure, reference, query
+        first_ns, newest_ns = self.running.stamps[0], self.running.stamps[-1]
+        if closure.query_ns < first_ns or newest_ns - closure.query_ns > LIVE.patience_ns:
+            one.kept = False
+            self.without_place += 1
+        return None
 
-    def _reference(self, closure: Closure) -> tuple[int, Matrix] | None:
-        """Return the node before the reference of a closure, and the pose (4, 4) since it."""
+    def _link(self, closure: Closure, reference: Place, query: Place) -> Edge:
+        """Return a closure as an edge between the nodes before its reference and its query."""
+        start, forth, more = self._node(*reference)
+        end, back, rest = self._node(*query)
+        edge = link_edge(start, end, closure.moved, closure.covariance + more + rest)
+        return replace(edge, moved=forth @ closure.moved @ inverse(back))
+
+    def _node(self, keyframe: int, since: Matrix) -> tuple[int, Matrix, Matrix]:
+        """Return the node before a place, and the pose (4, 4) since it, with its covariance."""
+        if keyframe == _MAP:
+            return _MAP, since, np.zeros((6, 6))
+        drive = next(one for one in reversed(self.drives) if self._first(one) <= keyframe)
+        first, node = self._first(drive), self._nodes[bisect_right(self._nodes, keyframe) - 1]
+        step = drive.edge(node - first, keyframe - first, first)
+        return node, step.moved @ since, step.covariance
+
+    def _reference(self, closure: Closure) -> Place | None:
+        """Return the place of the reference of a closure; None if it is not known."""
         for drive in self.drives:
             is_running = drive is self.running and not closure.session
             if is_running or (closure.session and drive.session == closure.session):
                 place = drive.place(closure.reference_ns)
                 return place and (self._first(drive) + place[0], place[1])
         return None
-
-    def _align(self, links: list[Known], start: dict[int, Matrix]) -> None:
-        """Move the running drive to where most closures with earlier places see it."""
-        first = self._first(self.running)
-        pairs = [
-            (start[edge.start] @ edge.moved, start[edge.end])
-            for one in links
-            if (edge := one.edge) and edge.end >= first > edge.start
-        ]
-        if pairs:
-            move = agreed(pairs)
-            start |= {node: move @ pose for node, pose in start.items() if node >= first}
 
 
 def _ends_before(one: Known, first: int) -> bool:

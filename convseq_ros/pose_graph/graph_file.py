@@ -14,8 +14,9 @@ from convseq_ros.core.rigid import Matrix, pose_of
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import MapError, one_line
 from convseq_ros.io.regular_file import complete_or_absent, refuse_irregular
+from convseq_ros.pose_graph.closures import Closure, Known
 from convseq_ros.pose_graph.edges import Edge
-from convseq_ros.pose_graph.graph import Closure, Known, PoseGraph
+from convseq_ros.pose_graph.graph import PoseGraph
 from convseq_ros.pose_graph.odometry import Odometry
 import numpy as np
 

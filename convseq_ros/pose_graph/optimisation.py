@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The robust solution of a pose graph, by GTSAM: wrong loop closures are ignored."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,33 +34,26 @@ class Solution:
 
 
 def optimise(
-    edges: Iterable[Edge],
-    start: Poses,
-    held: Mapping[int, float] | None = None,
-    goes_on: Callable[[], bool] = lambda: True,
+    edges: Iterable[Edge], start: Poses, held: Mapping[int, float] | None = None
 ) -> Solution:
     """
     Return the poses that fit odometry and links best; wrong links are ignored.
 
     `held` are standard deviations, in metres and radians, of poses that stay near their start; by
     default the first one does. Each step solves linear equations once, and is a call of C++: the
-    method as GTSAM has it solves all of them to the end, which takes a hundred times as long. It
-    ends early when `goes_on` returns False. ConvseqError if GTSAM is not installed.
+    method as GTSAM has it solves all of them to the end, which takes a hundred times as long.
+    ConvseqError if GTSAM is not installed.
     """
     gtsam = need_gtsam()
-    values, trusted = gtsam.Values(), gtsam.NonlinearFactorGraph()
-    for index, pose in start.items():
-        values.insert(index, gtsam.Pose3(pose))
-    for index, sigma in (held or {min(start): ROBUST.held}).items():
-        noise = gtsam.noiseModel.Isotropic.Sigma(6, sigma)
-        trusted.add(gtsam.PriorFactorPose3(index, gtsam.Pose3(start[index]), noise))
+    values = values_of(start)
+    trusted = priors(start, held or {min(start): ROBUST.held})
     usable = [edge for edge in edges if edge.start in start and edge.end in start]
     for edge in usable:
         if not edge.is_link:
-            trusted.add(_factor(gtsam, edge))
+            trusted.add(factor_of(edge))
     links = [edge for edge in usable if edge.is_link]
-    factors = [_factor(gtsam, edge) for edge in links]
-    squares = _squares(factors, values)
+    factors = [factor_of(edge) for edge in links]
+    squares = squares_of(factors, values)
     mu, cost = _first_control(squares), np.inf
     weights = _weights(squares, mu)
     for _ in range(ROBUST.most_steps):
@@ -69,28 +62,56 @@ def optimise(
             if weight == 1.0:
                 graph.add(factor)
             elif weight > 0.0:
-                graph.add(_factor(gtsam, edge, weight))
+                graph.add(factor_of(edge, weight))
         solver = gtsam.LevenbergMarquardtOptimizer(graph, values)
         solver.iterate()
         values, before, cost = solver.values(), cost, solver.error()
-        squares = _squares(factors, values)
+        squares = squares_of(factors, values)
         is_decided = bool(np.isin(weights, (0.0, 1.0)).all())
-        if not goes_on() or (is_decided and before - cost <= ROBUST.settled * (cost + 1)):
+        if is_decided and before - cost <= ROBUST.settled * (cost + 1):
             break
         mu *= ROBUST.growth
         weights = _weights(squares, mu)
-    poses = {index: np.asarray(values.atPose3(index).matrix()) for index in start}
     kept = tuple(bool(weight > 0.5) for weight in weights)
-    return Solution(poses, kept, tuple(np.sqrt(squares).tolist()))
+    return Solution(poses_of(values), kept, tuple(np.sqrt(squares).tolist()))
 
 
-def _factor(gtsam: Any, edge: Edge, weight: float = 1.0) -> Any:
+def values_of(poses: Poses) -> Any:
+    """Return poses as GTSAM has them."""
+    gtsam = need_gtsam()
+    values = gtsam.Values()
+    for index, pose in poses.items():
+        values.insert(index, gtsam.Pose3(pose))
+    return values
+
+
+def poses_of(values: Any) -> dict[int, Matrix]:
+    """Return GTSAM's poses (4, 4) by index, ascending."""
+    rows = need_gtsam().utilities.extractPose3(values)  # rotation, row by row, and position
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
+    return dict(zip(values.keys(), poses, strict=True))
+
+
+def priors(poses: Poses, held: Mapping[int, float]) -> Any:
+    """Return a graph that holds poses where they are, with standard deviations."""
+    gtsam = need_gtsam()
+    graph = gtsam.NonlinearFactorGraph()
+    for index, sigma in held.items():
+        noise = gtsam.noiseModel.Isotropic.Sigma(6, sigma)
+        graph.add(gtsam.PriorFactorPose3(index, gtsam.Pose3(poses[index]), noise))
+    return graph
+
+
+def factor_of(edge: Edge, weight: float = 1.0) -> Any:
+    """Return an edge as GTSAM has it."""
+    gtsam = need_gtsam()
     turns_first = np.roll(edge.covariance, (3, 3), (0, 1))  # GTSAM's order
     noise = gtsam.noiseModel.Gaussian.Covariance(turns_first / weight)
     return gtsam.BetweenFactorPose3(edge.start, edge.end, gtsam.Pose3(edge.moved), noise)
 
 
-def _squares(factors: Iterable[Any], values: Any) -> Doubles:
+def squares_of(factors: Iterable[Any], values: Any) -> Doubles:
     """Return the squared errors (n,) of factors, in variances."""
     return np.array([2 * factor.error(values) for factor in factors])
 

@@ -1,0 +1,42 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Loop closures as a back end is told of them, and what became of them."""
+
+from dataclasses import dataclass
+
+from convseq_ros.core.rigid import Matrix
+from convseq_ros.core.types import UNKNOWN_M2
+from convseq_ros.pose_graph.edges import Edge
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Closure:
+    """The pose of a robot at one time, measured from where it was at another."""
+
+    query_ns: int
+    reference_ns: int
+    moved: Matrix  # (4, 4), pose of the query in the reference's frame
+    covariance: Matrix  # (6, 6), in the reference's axes; UNKNOWN_M2 where there is no position
+    session: str = ''  # of the reference; empty for the running drive
+
+    @property
+    def key(self) -> tuple[int, str, int]:
+        """The pair of places; microseconds, as a float64 of seconds tells them."""
+        return round(self.query_ns / 1000), self.session, round(self.reference_ns / 1000)
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether the position is known."""
+        return bool(self.covariance[:3, :3].max() < UNKNOWN_M2 / 2)
+
+
+@dataclass(slots=True)
+class Known:
+    """What became of a closure."""
+
+    closure: Closure
+    edge: Edge | None = None  # None while one of its places is not known
+    kept: bool | None = None  # whether the solution agrees; None before it is solved
+    kept_before: bool | None = None  # the verdict before the last one
+    error: float = 0.0  # in standard deviations
+    apart_m: float = 0.0  # distance between the measured and the corrected position

@@ -1,0 +1,111 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The solution that grows is the one from scratch, and is decided anew where links contradict."""
+
+import math
+
+from convseq_ros.core.rigid import inverse, Matrix, turned_by
+from convseq_ros.pose_graph import solver as module
+from convseq_ros.pose_graph.edges import Edge
+from convseq_ros.pose_graph.optimisation import optimise
+from convseq_ros.pose_graph.solver import Solver
+import numpy as np
+import pytest
+
+pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
+
+COUNT, LAP = 240, 40
+HELD = {0: 1e-4}
+STEP = np.diag([0.05**2] * 3 + [0.02**2] * 3)
+LINK = np.diag([0.1**2] * 3 + [0.02**2] * 3)
+
+
+def moved(x: float, y: float = 0.0, yaw: float = 0.0) -> Matrix:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:2, 3] = turned_by((0, 0, yaw)), (x, y)
+    return pose
+
+
+def path(yaw: float) -> list[Matrix]:
+    poses = [np.eye(4)]
+    for _ in range(COUNT - 1):
+        poses.append(poses[-1] @ moved(1.0, 0.0, yaw))
+    return poses
+
+
+TRUE, DRIFTED = path(2 * math.pi / LAP), path(2 * math.pi / LAP + 0.002)
+POSES = dict(enumerate(DRIFTED))
+STEPS = [
+    Edge(at, at + 1, inverse(DRIFTED[at]) @ DRIFTED[at + 1], STEP, False)
+    for at in range(COUNT - 1)
+]
+
+
+def link(start: int, end: int, wrong: Matrix | None = None) -> Edge:
+    right = inverse(TRUE[start]) @ TRUE[end]
+    return Edge(start, end, right if wrong is None else wrong, LINK, True)
+
+
+RIGHT = [link(at - LAP, at) for at in range(LAP, COUNT, 4)]
+
+
+@pytest.fixture
+def decided(monkeypatch):
+    """Return the numbers of links on which graduated non-convexity decided."""
+    calls = []
+
+    def count(edges, *more):
+        edges = [*edges]
+        calls.append(sum(edge.is_link for edge in edges))
+        return optimise(edges, *more)
+
+    monkeypatch.setattr(module, 'optimise', count)
+    return calls
+
+
+def grow(solver: Solver, links: list[Edge]) -> list[tuple[bool, ...]]:
+    """Hand links over one by one, each when the drive has just come to it; return the verdicts."""
+    verdicts = []
+    for number, last in enumerate(links, 1):
+        poses = {at: POSES[at] for at in range(last.end + 1)}
+        asked = poses, STEPS[: last.end], links[:number], HELD
+        solution = solver.extended(*asked) or solver.anew(*asked)
+        verdicts.append(solution.kept)
+        solver.solution = solution
+    return verdicts
+
+
+def test_links_that_agree_are_taken_in_as_from_scratch(decided):
+    solver = Solver()
+    assert all(all(kept) for kept in grow(solver, RIGHT))
+    assert decided == [1]  # the first one; iSAM2 takes in the others
+    whole = optimise([*STEPS, *RIGHT], POSES, HELD)
+    last = RIGHT[-1].end
+    grown = np.array([solver.solution.poses[at] for at in range(last + 1)])
+    exact = np.array([whole.poses[at] for at in range(last + 1)])
+    assert np.abs(grown - exact)[:, :3, 3].max() < 0.05
+    assert np.abs(exact - np.array(DRIFTED[: last + 1]))[:, :3, 3].max() > 1.0
+
+
+def test_one_that_contradicts_many_is_refused_at_once_and_bends_nothing(decided):
+    links = [*RIGHT, link(100, RIGHT[-1].end, moved(9.0, 3.0))]
+    alone, solver = Solver(), Solver()
+    grow(alone, RIGHT)
+    assert grow(solver, links)[-1] == (*[True] * len(RIGHT), False)
+    assert decided == [1, 1]
+    ends = [made.solution.poses[links[-1].end] for made in (alone, solver)]
+    assert np.linalg.norm((ends[0] - ends[1])[:3, 3]) < 0.1
+
+
+def test_what_came_first_is_refused_once_enough_contradict_it(decided):
+    false = [link(4, 44, moved(3.0, 6.0)), link(8, 46, moved(3.0, 6.0))]
+    verdicts = grow(Solver(), [*false, *RIGHT[3:]])
+    assert verdicts[-1] == (False, False, *[True] * len(RIGHT[3:]))
+    assert len(decided) < len(RIGHT) / 2
+
+
+def test_a_graph_that_is_held_otherwise_is_solved_anew():
+    solver = Solver()
+    grow(solver, RIGHT[:3])
+    asked = POSES, STEPS, RIGHT[:4]
+    assert solver.extended(*asked, {0: 1.0}) is None
