@@ -16,6 +16,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
+import yaml
 
 TOPICS = {
     'image': 'camera topic, raw or compressed; empty: the best one in the namespace',
@@ -23,6 +24,7 @@ TOPICS = {
     'odom': 'odometry topic; empty: the only one in the namespace',
 }
 OTHERS = {
+    'camera': 'its driver, a name of config/cameras.yaml: topics as that has them',
     'params_file': 'file of parameters; those that are arguments win',
     'namespace': 'of the node and its topics',
     'use_sim_time': 'true if a recording is played with /clock',
@@ -55,8 +57,10 @@ def _nodes(context: Any, names: list[str]) -> list[Node]:
     """Return the nodes to start; ConfigError if an argument, of those names, is unknown."""
     refuse_unknown(names, [*TOPICS, *OTHERS, *PARAMETERS], 'no such argument')
 
+    camera = _camera(str(LaunchConfiguration('camera').perform(context)))
+
     def given(name: str) -> str:
-        return str(LaunchConfiguration(name).perform(context))
+        return str(LaunchConfiguration(name).perform(context)) or camera.get(name, '')
 
     def is_true(name: str) -> bool:
         return given(name).lower() in ('true', '1')
@@ -82,6 +86,15 @@ def _nodes(context: Any, names: list[str]) -> list[Node]:
         return [node]
     layout = ['-d', _layout(given('namespace'))]
     return [node, Node(package='rviz2', executable='rviz2', arguments=layout, output='screen')]
+
+
+def _camera(name: str) -> dict[str, str]:
+    """Return the arguments for a camera's driver; ConfigError if it is unknown."""
+    if not name:
+        return {}
+    known = yaml.safe_load((_share() / 'config' / 'cameras.yaml').read_text())
+    refuse_unknown([name], known, 'no such camera')
+    return dict(known[name])
 
 
 def _layout(namespace: str) -> str:

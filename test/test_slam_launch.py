@@ -7,6 +7,7 @@ import runpy
 import sys
 import types
 
+from convseq_ros.errors import ConfigError
 import pytest
 
 LAUNCH = Path(__file__).resolve().parents[1] / 'launch' / 'slam.launch.py'
@@ -83,6 +84,28 @@ def test_rviz_shows_the_corrected_path_in_the_namespace(launched):
     text = Path(vpr['_layout']('/robot1')).read_text()
     assert '/robot1/vpr_node/markers' in text and '/robot1/pose_graph_node/path' in text
     assert ' /vpr_node/' not in text and ' /pose_graph_node/' not in text
+
+
+def test_a_camera_gives_its_topics_and_what_is_given_besides_wins(launched):
+    _, (graph,) = launched(camera='zed')
+    assert graph['remappings'] == []  # it follows the odometry of vpr_node
+    vpr = runpy.run_path(str(LAUNCH.with_name('vpr.launch.py')))
+
+    def started(**given):
+        names = [*vpr['TOPICS'], *vpr['OTHERS'], *vpr['PARAMETERS']]
+        (node,) = vpr['_nodes'](dict.fromkeys(names, '') | given, [])
+        return dict(node.kwargs['remappings']), node.kwargs['parameters'][1]
+
+    topics, parameters = started(camera='zed', odom='/wheels')
+    assert topics == {
+        'image': 'zed/zed_node/rgb/color/rect/image',
+        'camera_info': 'zed/zed_node/rgb/color/rect/camera_info',
+        'odom': '/wheels',
+    }
+    assert parameters['depth_topic'] == 'zed/zed_node/depth/depth_registered'
+    assert started() == ({}, {'use_sim_time': False})
+    with pytest.raises(ConfigError, match=r"no such camera 'relsense'; did you mean realsense\?"):
+        started(camera='relsense')
 
 
 def test_two_publishers_of_one_transform_are_refused(launched):

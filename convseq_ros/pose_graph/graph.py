@@ -139,16 +139,17 @@ class PoseGraph:
         found = [(one, places) for one in waiting if (places := self._places(one))]
         if not found:
             return None
-        self._extend({query[0] for _, (_, _, query) in found} | self.solved.keys())
+        self.solved = self.solved or {_MAP: np.eye(4)}
+        stored = set[int]() if self._nodes else {*self.solved}
+        self._extend({query[0] for _, (_, _, query) in found} | stored)
         for one, places in found:
             one.edge = self._link(*places)
         links = [one for one in self.known.values() if one.edge]
         held = {self._first(drive): LIVE.loose for drive in self.drives}
         if self.earlier or not any(one.edge and one.edge.start == _MAP for one in links):
             held[1] = ROBUST.held
-        poses = {_MAP: np.eye(4), **self.solved}
         held[_MAP], first = ROBUST.held, self._first(self.running)
-        return Problem(poses, [*self._steps], links, held, first, self._solver)
+        return Problem({**self.solved}, [*self._steps], links, held, first, self._solver)
 
     def _extend(self, wanted: set[int]) -> None:
         """Make nodes of new keyframes: each so many, and those of `wanted` after the last node."""
@@ -182,7 +183,7 @@ class PoseGraph:
                 there = poses[edge.start] @ edge.moved
                 one.apart_m = math.dist(there[:3, 3], poses[edge.end][:3, 3])
                 self._is_aligned |= kept and edge.end >= first > edge.start
-        self.solved = {node: pose for node, pose in poses.items() if node != _MAP}
+        self.solved = poses
         if (node := self._nodes[-1]) >= first:
             self._move = poses[node] @ inverse(self.running.keyframe(node - first))
         return changed

@@ -82,8 +82,11 @@ class Solver:
 
     def _take_in(self, links: Sequence[Edge]) -> None:
         """Add links that are as likely as their errors and those of the solution allow."""
-        values, graph = self._isam.calculateEstimate(), need_gtsam().NonlinearFactorGraph()
+        graph = need_gtsam().NonlinearFactorGraph()
         for link in links:
+            values = need_gtsam().Values()
+            for end in (link.start, link.end):
+                values.insert(end, self._isam.calculateEstimatePose3(end))
             motion, error = self._factors[link].linearize(values).jacobian()  # in deviations
             ends = self._isam.jointMarginalCovariance([link.start, link.end]).fullMatrix()
             spread = np.eye(6) + motion @ ends @ motion.T

@@ -123,7 +123,7 @@ def test_keyframes_between_nodes_blend(monkeypatch):
     monkeypatch.setattr(module, 'LIVE', most)
     exact = driven(DRIFTED)
     solve(exact, *RIGHT)
-    assert len(exact.solved) == len(DRIFTED) > 3 * len(coarse.solved)
+    assert len(exact.solved) - 1 == len(DRIFTED) > 3 * len(coarse.solved)
     ways = (graph.corrected(graph.running)[:, :3, 3] for graph in (coarse, exact))
     assert np.abs(np.subtract(*ways)).max() < 0.2
 
