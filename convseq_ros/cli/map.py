@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 import re
 
-from convseq_ros.cli import map_link
+from convseq_ros.cli import map_browse, map_link
 from convseq_ros.cli.info import describe_map, in_short
 from convseq_ros.cli.options import add_max_looks, add_verb, map_progress, progress
 from convseq_ros.core.map.edit import (
@@ -39,6 +39,9 @@ def describe(parser: argparse.ArgumentParser) -> None:
         verbs, 'link', map_link.run, 'link places that show the same, and solve the poses'
     )
     map_link.describe(add)
+
+    text = 'write a page of the links, each with its pair of pictures'
+    map_browse.describe(add_verb(verbs, 'browse', map_browse.run, text))
 
     add = add_verb(verbs, 'unlink', _unlink, 'take links out of a map')
     add.add_argument('map', type=Path, help='changed in one step, or not at all')

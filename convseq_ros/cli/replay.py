@@ -25,13 +25,14 @@ from convseq_ros.cli.options import (
     warn,
 )
 from convseq_ros.cli.processes import need_ros
+from convseq_ros.cli.replay_report import ReplayReport
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.types import Frame, Match, Pose, Reason
-from convseq_ros.errors import MapError
+from convseq_ros.errors import MapError, printable
 from convseq_ros.io.results import ResultWriter
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.pose_graph.graph_file import write_tum
@@ -48,6 +49,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
         'also write the poses of accepted frames in the map, in the format of TUM, as evo reads'
     )
     parser.add_argument('--tum', type=Path, metavar='FILE', help=help_)
+    help_ = 'also write a page of what was matched, with pictures, for a browser'
+    parser.add_argument('--report', type=Path, metavar='PAGE.html', help=help_)
     add_replay(parser)
 
 
@@ -102,8 +105,16 @@ def replay_chosen(
         )
     matches, durations = [], []
     poses = list[tuple[int, Pose]]()
+    report = ReplayReport(len(source)) if getattr(chosen, 'report', None) else None
     with opened(chosen.output) as write:
-        for match, duration_ms in replay(source, cameras, _with_poses(write, poses)):
+        listeners: list[Listener] = [write, partial(_keep_pose, poses)]
+        listeners += [report.add] if report else []
+
+        def listen(*answer: Any) -> None:
+            for listener in listeners:
+                listener(*answer)
+
+        for match, duration_ms in replay(source, cameras, listen):
             matches.append(match)
             durations.append(duration_ms)
             after_frame()
@@ -111,6 +122,9 @@ def replay_chosen(
         if not poses:
             raise MapError(f'{path}: no accepted place has a pose; build the map with --odom')
         write_tum(path, poses)
+    if report:
+        title = printable(f'{chosen.recording.name} in {name.name}')
+        report.write(chosen.report, title, first)
     for warning in source.warnings:
         warn(warning)
     if (loaded := first.reference_map).unreadable:
@@ -118,25 +132,24 @@ def replay_chosen(
     return summarize(matches, durations)
 
 
-def _with_poses(write: Listener, poses: list[tuple[int, Pose]]) -> Listener:
-    """Return a function that writes, too, and keeps the poses of accepted frames in the map."""
-
-    def listen(
-        frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
-    ) -> None:
-        write(frame, match, recognizer, duration_ms)
-        if accepted := match.accepted:
-            estimate = estimate_pose(
-                recognizer.reference_map.places,
-                accepted.reference_index,
-                yaw_rad=match.relative_yaw_rad,
-                relative=match.relative_pose,
-                row=recognizer.buffer.row,
-            )
-            if estimate:
-                poses.append((match.query_stamp_ns, estimate.pose))
-
-    return listen
+def _keep_pose(
+    poses: list[tuple[int, Pose]],
+    _frame: Frame,
+    match: Match,
+    recognizer: PlaceRecognizer,
+    _duration_ms: float,
+) -> None:
+    """Add the pose of an accepted frame in the map to a trajectory."""
+    if accepted := match.accepted:
+        estimate = estimate_pose(
+            recognizer.reference_map.places,
+            accepted.reference_index,
+            yaw_rad=match.relative_yaw_rad,
+            relative=match.relative_pose,
+            row=recognizer.buffer.row,
+        )
+        if estimate:
+            poses.append((match.query_stamp_ns, estimate.pose))
 
 
 def in_words(summary: dict[str, Any], slow: str) -> str:

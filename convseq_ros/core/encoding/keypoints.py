@@ -89,12 +89,12 @@ def matched(query: Keypoints, place: Keypoints) -> npt.NDArray[np.int64]:
     return np.column_stack((mutual[clear], best[mutual[clear]]))
 
 
-def agreeing_blocks(query: Keypoints, place: Keypoints, motion: Doubles, side: int) -> int:
+def agreeing(query: Keypoints, place: Keypoints, motion: Doubles, side: int) -> Doubles:
     """
-    Return in how many of 16 x 16 blocks of a query a matched keypoint moved as the cells did.
+    Return the matched keypoints that moved as the cells did, (n, 4).
 
-    `motion` (2, 3) is that of `verification.motion`, of images of `side` x `side` regions. Blocks
-    are counted, not keypoints, so that a single object does not count like a scene.
+    Columns: across and down in the query, then in the place, as shares of the image. `motion`
+    (2, 3) is that of `verification.motion`, of images of `side` x `side` regions.
     """
     pairs = matched(query, place)
     here, there = query.shares[pairs[:, 0]], place.shares[pairs[:, 1]]
@@ -103,5 +103,15 @@ def agreeing_blocks(query: Keypoints, place: Keypoints, motion: Doubles, side: i
     expected = np.column_stack((np.ones(len(pairs)), down, across)) @ motion.T
     off = (there - here)[:, ::-1] * cells - expected
     agrees = np.hypot(off[:, 0], off[:, 1]) < ORB.tolerance_cells
-    blocks = (here[agrees] * ORB.blocks).astype(np.int64)
+    return np.hstack((here, there))[agrees]
+
+
+def agreeing_blocks(query: Keypoints, place: Keypoints, motion: Doubles, side: int) -> int:
+    """
+    Return in how many of 16 x 16 blocks of a query there is a keypoint of `agreeing`.
+
+    Blocks are counted, not keypoints, so that a single object does not count like a scene.
+    """
+    here = agreeing(query, place, motion, side)[:, :2]
+    blocks = (here * ORB.blocks).astype(np.int64)
     return len(np.unique(blocks @ (ORB.blocks, 1)))

@@ -3,7 +3,7 @@
 """Builds the HTML page; it needs no network and no other file."""
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 import json
@@ -20,6 +20,13 @@ from convseq_ros.io.regular_file import read_bytes
 
 _MOST_FRAMES = 2000  # with pairs, over all sets: about 20 MB
 _SOURCE = 'argv', 'date', 'machine', 'versions', 'criterion', 'configuration', 'k_distribution'
+_KINDS = 'right', 'wrong', 'rejected', 'skipped'
+_COLUMNS = (
+    'Green is best on its set; a method leads to its pairs. Accuracy is over matched queries that '
+    'have an answer, with its 95&nbsp;% interval; &ldquo;all&rdquo; counts those that got no '
+    'candidate, too. &ldquo;R at 0 false&rdquo; is the recall at the threshold that is best on '
+    'the set itself, &ldquo;one threshold&rdquo; at the one for all sets; both favour the method.'
+)
 _PROTOCOLS = {
     'closed': 'every query has an answer in the map',
     'open': 'a part of the map is left out, so "not in the map" is a right answer',
@@ -36,19 +43,34 @@ def write_report(runs: Sequence[Shown], output: Path) -> None:
     step = -(-frames // _MOST_FRAMES)
     machine = runs[0].run.summary.get('machine') or {}
     facts = str(runs[0].run.summary.get('date', ''))[:10], str(machine.get('cpu', ''))
-    data = json.dumps(_pairs(runs, step), separators=(',', ':'))
     parts = {
         'title': escape('Place recognition: ' + ', '.join(by_set)),
         'facts': escape(' · '.join(filter(None, facts))),
         'links': ''.join(f'<a href="#set-{escape(name)}">{escape(name)}</a>' for name in by_set),
-        'table': _table(runs),
+        'summary': f'<div class="wide">{_table(runs)}</div><p class="soft">{_COLUMNS}</p>',
         'sections': ''.join(map(_section, by_set.values())),
         'sources': ''.join(map(_source, runs)),
         'note': f'To keep this page small, one frame in {step} is shown.' if step > 1 else '',
-        'data': data.replace('<', '\\u003c'),
+        'photos': photos('Query', 'Best candidate', 'Truth'),
+        'more': '',
     }
+    write_page(output, parts, {**_pairs(runs, step), 'kinds': _KINDS})
+
+
+def write_page(output: Path, parts: Mapping[str, str], data: Mapping[str, Any]) -> None:
+    """Write a page in one step, from HTML by placeholder and the data of its script."""
     template = Template((files(__package__) / 'template.html').read_text(encoding='utf-8'))
-    write_text(output, template.substitute(parts))
+    text = json.dumps(data, separators=(',', ':')).replace('<', '\\u003c')
+    write_text(output, template.substitute(parts, data=text))
+
+
+def photos(*names: str) -> str:
+    """Return the HTML of the pictures of a pair."""
+    return ''.join(
+        f'<figure><div class="photo">no picture<img hidden alt="{name}"><svg></svg></div>'
+        '<figcaption></figcaption></figure>'
+        for name in names
+    )
 
 
 def _table(runs: Sequence[Shown]) -> str:
