@@ -25,6 +25,8 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 KINDS = {
     'match_index': Int32,
     'match_score': Float32,
+    'confidence': Float32,
+    'latency_ms': Float32,
     'sequence_length': UInt32,
     'candidates': PointCloud2,
     'loop_closure': Float64MultiArray,
@@ -55,6 +57,9 @@ def test_a_second_drive_is_recognised_on_all_topics(
     assert scores[0] == 0.0
     assert all(2 <= length <= 25 for length in lengths[1:])
     assert all(0.5 < score <= 1.0 for score in scores[1:])
+    assert all(message.data > 0.0 for message in heard['latency_ms'])
+    assert len(heard['latency_ms']) == NUM_FRAMES
+    assert {message.data for message in heard['confidence']} == {0.0}  # these settings know none
 
     for number, message in enumerate(heard['candidates']):
         assert stamp_to_ns(message.header.stamp) == LATER_NS + number * SECOND

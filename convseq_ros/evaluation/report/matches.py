@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.core.types import constants
-from convseq_ros.evaluation.report.page import photos, write_page
 from convseq_ros.evaluation.report.pairs import Pair
+from convseq_ros.evaluation.report.template import photos, write_page
 
 Texts = tuple[str, str, str]  # about the answer, the frame and the place
 Row = list[Any]  # of the page's script: kind, texts, pictures, regions, keypoints, position

@@ -3,18 +3,16 @@
 """Builds the HTML page; it needs no network and no other file."""
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
-from importlib.resources import files
 import json
 from pathlib import Path
-from string import Template
 from typing import Any
 from urllib.parse import quote
 
 from convseq_ros.evaluation.report.charts import run_charts, set_charts, svg
 from convseq_ros.evaluation.report.shown import Row, Shown
-from convseq_ros.evaluation.run_folder import write_text
+from convseq_ros.evaluation.report.template import photos, write_page
 from convseq_ros.evaluation.table import best_of, HEADINGS, summary_rows, text_of
 from convseq_ros.io.regular_file import read_bytes
 
@@ -55,22 +53,6 @@ def write_report(runs: Sequence[Shown], output: Path) -> None:
         'more': '',
     }
     write_page(output, parts, {**_pairs(runs, step), 'kinds': _KINDS})
-
-
-def write_page(output: Path, parts: Mapping[str, str], data: Mapping[str, Any]) -> None:
-    """Write a page in one step, from HTML by placeholder and the data of its script."""
-    template = Template((files(__package__) / 'template.html').read_text(encoding='utf-8'))
-    text = json.dumps(data, separators=(',', ':')).replace('<', '\\u003c')
-    write_text(output, template.substitute(parts, data=text))
-
-
-def photos(*names: str) -> str:
-    """Return the HTML of the pictures of a pair."""
-    return ''.join(
-        f'<figure><div class="photo">no picture<img hidden alt="{name}"><svg></svg></div>'
-        '<figcaption></figcaption></figure>'
-        for name in names
-    )
 
 
 def _table(runs: Sequence[Shown]) -> str:

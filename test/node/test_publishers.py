@@ -1,0 +1,69 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is published of one frame, without a node."""
+
+from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Candidate, Frame, Match, Reason
+from convseq_ros.node.publishers import MatchPublishers
+from pictures import scene
+import pytest
+
+
+class Topics:
+    """Stands for a node; keeps the messages of each topic."""
+
+    def __init__(self):
+        self.messages = {}
+
+    def create_publisher(self, _kind, topic, *_args, **_more):
+        return Topic(self.messages.setdefault(topic, []))
+
+
+class Topic:
+    def __init__(self, messages):
+        self.publish = messages.append
+
+    def get_subscription_count(self):
+        return 1
+
+
+@pytest.fixture
+def publish():
+    """Return a function that publishes an answer, and returns the messages by topic."""
+    places, gray = ReferenceMap(), scene(1)
+    places.add_frame(Frame(100, gray), describe(gray, places.encoding), 128)
+    recognizer = PlaceRecognizer(places)
+    frame = Frame(2_000_000_000, gray)
+    recognizer.process(frame)
+
+    def run(reason, confidence):
+        candidates = (Candidate(0, 100, 0.75),)
+        match = Match(7, frame.stamp_ns, reason, candidates, 3, confidence=confidence)
+        topics = Topics()
+        MatchPublishers(topics, NodeConfig(), str).publish(frame, match, recognizer, 4.0, 12.5)
+        return places.sessions[0].id, topics.messages
+
+    return run
+
+
+def test_confidence_and_latency_are_plain_numbers_for_each_frame(publish):
+    for reason, confidence, expected in (
+        (Reason.ACCEPTED, 0.97, 0.97), (Reason.WEAK, 0.25, 0.25), (Reason.WEAK, None, 0.0),
+    ):  # fmt: skip
+        _, messages = publish(reason, confidence)
+        (told,), (latency,) = messages['~/confidence'], messages['~/latency_ms']
+        assert told.data == pytest.approx(expected) and latency.data == 12.5
+        assert [one.data for one in messages['~/match_score']] == [0.75]
+
+
+def test_a_closure_is_published_as_odometry_if_and_only_if_the_frame_is_accepted(publish):
+    session, messages = publish(Reason.ACCEPTED, 0.97)
+    (closure,) = messages['~/closure_odometry']
+    assert closure.header.stamp.sec == 2
+    assert closure.header.frame_id == f'{session}/100'
+    assert closure.child_frame_id == '/2000000000'
+    _, messages = publish(Reason.AMBIGUOUS, 0.6)
+    assert messages['~/closure_odometry'] == []
