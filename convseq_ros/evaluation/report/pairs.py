@@ -42,8 +42,9 @@ def pair_of_places(
 def picture_of(places: ReferenceMap, index: int, width_px: int) -> bytes:
     """Return a place's kept image, or else its thumbnail, as a JPEG; empty if it has none."""
     small, gray = places.thumbnail(index), places.image(index, ReadingConfig().max_image_mpx)
-    if gray is None and (gray := decode_jpeg(small)) is not None and gray.shape[1] <= width_px:
-        return small
+    if gray is None and (gray := decode_jpeg(small)) is not None:
+        if gray.shape[1] <= width_px and len(small) <= gray.size:
+            return small
     return b'' if gray is None else thumbnail(gray, width_px)
 
 
