@@ -60,7 +60,7 @@ def _frames(
 ) -> list[Frame]:
     """Return the images as a camera would have sent them."""
     reading = recognizer.config.reading
-    frames = []
+    frames, told = [], list[str]()
     for number, path in enumerate(images, 1):
         if path.is_dir():
             raise SourceError(f'{path}: a folder; give its last few pictures, or use replay')
@@ -72,13 +72,15 @@ def _frames(
             frames.append(Frame(stamp_ns, None, printable(str(path)), problem=problem))
             continue
         height, width = gray.shape
-        camera = read_camera_file(camera_info, height, width, reading) if camera_info else None
+        camera = None
+        if camera_info:
+            camera = read_camera_file(camera_info, height, width, reading, told)
         frames.append(Frame(stamp_ns, gray, printable(str(path)), camera=camera, color=color))
     problems = [frame.problem for frame in frames if frame.gray is None]
     if len(problems) == len(frames):
         raise SourceError(problems[-1])
-    for problem in problems:
-        warn(problem)
+    for line in [*problems, *told]:
+        warn(line)
     return frames
 
 

@@ -152,11 +152,11 @@ def open_annotated(
     camera_of: CameraOf | None = None
     optical_frame = ''
     if (file := Path(camera_info)).is_file():
-        camera_of = partial(read_camera_file, file, reading=reading)
+        camera_of = partial(read_camera_file, file, reading=reading, warnings=source.warnings)
     elif camera_info and is_folder:
         raise SourceError(f'{file}: no such file; a folder of pictures has no topics')
     elif camera_info:
-        camera, optical_frame = read_camera_in(path, camera_info, reading)
+        camera, optical_frame = read_camera_in(path, camera_info, reading, source.warnings)
         camera_of = lambda _height, _width: camera  # noqa: E731
     if camera_of and isinstance(source, Recording):
         mount = _mount(source, path, optical_frame, tf, reading)

@@ -19,17 +19,22 @@ _SHORTEST, _LONGEST = 1e-3, 1e6
 
 
 def read_camera_file(
-    path: Path, height: int, width: int, reading: ReadingConfig = ReadingConfig()
+    path: Path,
+    height: int,
+    width: int,
+    reading: ReadingConfig = ReadingConfig(),
+    warnings: list[str] | None = None,
 ) -> Camera:
     """
     Return the camera that a file describes, for images of a height and width; or SourceError.
 
     The file is YAML as `camera_calibration` writes it, or KITTI's calib.txt, of which the first
-    projection is used.
+    projection is used. `warnings` gets the line of `correction`, if there is one.
     """
     text = read_text(path, 'a calibration', reading, AS_YAML)
     try:
-        camera = camera_from_info(_projection(text, height, width) or _calibration(path, reading))
+        info = _projection(text, height, width) or _calibration(path, reading)
+        camera = camera_from_info(info)
     except (
         ArithmeticError,
         AttributeError,
@@ -44,6 +49,8 @@ def read_camera_file(
         ) from None
     if camera is None:
         raise SourceError(f'{path}: the camera is not calibrated: its matrices are zero')
+    if warnings is not None and (line := correction(info, camera)):
+        warnings += [] if (said := f'{path}: {line}') in warnings else [said]
     return camera
 
 

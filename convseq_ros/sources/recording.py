@@ -12,7 +12,7 @@ import sys
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ImageError, printable, SourceError
-from convseq_ros.sources.camera_info import camera_from_info
+from convseq_ros.sources.camera_info import camera_from_info, correction
 from convseq_ros.sources.images import gray_and_color, message_pixels
 from convseq_ros.sources.mount import StaticTransforms
 from convseq_ros.sources.pose_track import pose_from_message
@@ -179,12 +179,16 @@ def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingCon
 
 
 def read_camera_in(
-    path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
+    path: Path,
+    topic: str = '',
+    reading: ReadingConfig = ReadingConfig(),
+    warnings: list[str] | None = None,
 ) -> tuple[Camera, str]:
     """
     Return the first calibrated camera of a topic, and its optical frame; or SourceError.
 
-    The topic may be left out if there is only one.
+    The topic may be left out if there is only one. `warnings` gets the line of `correction`, if
+    there is one.
     """
     messages = TopicMessages(path, topic, CAMERA_TYPES, '--camera-info', reading)
     problem = 'K and P are zero, so it is not calibrated'
@@ -196,6 +200,8 @@ def read_camera_in(
             problem = str(error)
             continue
         if camera:
+            if warnings is not None and (line := correction(info, camera)):
+                warnings.append(f'{path}: {messages.chosen.name}: {line}')
             return camera, info.header.frame_id
     raise SourceError(f'{path}: no camera of {messages.chosen.name} can be used: {problem}')
 

@@ -74,6 +74,20 @@ def test_one_image_is_a_candidate_or_sure_of_its_margin(place_map, images, capsy
         assert answer['pose'] is None
 
 
+def test_a_distortion_under_the_other_name_is_one_warning(place_map, images, tmp_path, capsys):
+    (tmp_path / 'camera.yaml').write_text(
+        'image_width: 160\nimage_height: 120\ndistortion_model: rational_polynomial\n'
+        'camera_matrix: {data: [90, 0, 80, 0, 90, 60, 0, 0, 1]}\n'
+        'distortion_coefficients: {data: [.1, 0, 0, 0, 0]}\n'
+    )
+    asked = [*images(3, 4), '--map', str(place_map[0]), '--camera-info']
+    assert main(['locate', *asked, str(tmp_path / 'camera.yaml'), *SETTINGS]) == 0
+    assert capsys.readouterr().err == (
+        f"warning: {tmp_path}/camera.yaml: distortion 'rational_polynomial' of 5 numbers is read "
+        "as 'plumb_bob'; mend the name in the calibration\n"
+    )
+
+
 def test_what_is_not_recognised_is_an_answer(place_map, tmp_path, capsys):
     path, _ = place_map
     cv2.imwrite(str(tmp_path / 'black.png'), np.zeros((120, 160), np.uint8))

@@ -73,6 +73,32 @@ def test_the_numbers_tell_which_of_two_models_is_meant(named, count, taken):
     assert camera_from_info(right) == camera and correction(right, camera) == ''
 
 
+CALIBRATION = """image_width: 32
+image_height: 24
+camera_matrix: {data: [25, 0, 16, 0, 25, 12, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {data: [.1, .1, .1, .1, .1, .1, .1, .1]}
+"""
+
+
+@pytest.mark.parametrize('is_file', [False, True])
+def test_a_distortion_under_the_other_name_is_one_warning_of_a_source(
+    write, pictures, tmp_path, is_file
+):
+    named = tmp_path / 'camera.yaml' if is_file else '/info'
+    (tmp_path / 'camera.yaml').write_text(CALIBRATION)
+    rows = [('/info', number, info(d=(0.1,) * 8)) for number in (1, 2)]
+    path = write('mcap file', [*recordings.drive(pictures), *rows])
+    source = open_annotated(path, camera_info=str(named))
+    for _ in range(2):
+        assert {frame.camera.distortion_model for frame in source} == {'rational_polynomial'}
+    where = str(named) if is_file else f'{path}: /info'
+    assert source.warnings == [
+        f"{where}: distortion 'plumb_bob' of 8 numbers is read as 'rational_polynomial'; "
+        'mend the name in the calibration'
+    ]
+
+
 def test_a_distortion_of_no_model_is_refused():
     for model, count in [('plumb_bob', 6), ('equidistant', 5)]:
         with pytest.raises(SourceError, match=f"'{model}' of {count} numbers cannot be taken out"):
