@@ -6,7 +6,20 @@ import functools
 
 import numpy as np
 import pytest
-from recordings import LAYOUTS, write_recording
+
+LAYOUTS = (
+    'mcap folder',
+    'mcap file',
+    'sqlite3 folder',
+    'db3 file',
+    'ros1 bag',
+    'mcap zstd',
+    'mcap lz4',
+    'mcap without chunks',
+    'mcap folder zstd',
+    'sqlite3 folder compressed messages',
+    'sqlite3 folder compressed file',
+)
 
 
 @pytest.fixture
@@ -24,4 +37,6 @@ def layout(request) -> str:
 @pytest.fixture
 def write(tmp_path):
     """Return what writes a recording of some layout and rows."""
+    from recordings import write_recording
+
     return functools.partial(write_recording, tmp_path)

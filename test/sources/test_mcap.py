@@ -2,13 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chunks of an mcap that do not suit their checksums, and an mcap of other programs."""
 
+import pytest
+
+pytest.importorskip('mcap', reason='needs mcap: pip install mcap')
+
 from convseq_ros.errors import SourceError
 from convseq_ros.sources import open_source
 from convseq_ros.sources.recording import read_poses
 from mcap.reader import make_reader
 from mcap.writer import Writer
 import numpy as np
-import pytest
 import recordings
 
 TOPIC = '/camera/image_raw'

@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Image messages are read as rosbags reads them, whatever their order of bytes; or refused."""
 
+import pytest
+
+pytest.importorskip('rosbags', reason='needs rosbags: pip install rosbags')
+
 from convseq_ros.errors import ImageError
 from convseq_ros.sources.raw_message import COMPRESSED_IMAGE, IMAGE, RawMessage
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
-import pytest
 from rosbags.typesys import get_typestore, Stores
 
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
