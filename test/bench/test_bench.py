@@ -23,13 +23,16 @@ from bench.torture.disk import compiler
 from bench.torture.map_writes import SCENARIOS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+CHEAP = 'hostile_maps', 'log_damage', 'map_damage', 'recording_damage'
 NEED_A_COMPILER = 'map_power', 'map_writes'
 
 
-@pytest.mark.parametrize('name', ['hostile_maps', 'map_damage', 'log_damage', *NEED_A_COMPILER])
-def test_maps_survive_a_short_part_of_the_torture(name):
+@pytest.mark.parametrize('name', [*CHEAP, *NEED_A_COMPILER])
+def test_files_survive_a_short_part_of_the_torture(name):
     if name in NEED_A_COMPILER and not compiler():
         pytest.skip('needs a C compiler')
+    pytest.importorskip('mcap', reason='the attacks need mcap: pip install mcap')
+    pytest.importorskip('rosbags', reason='the attacks need rosbags: pip install rosbags')
     command = [sys.executable, '-m', 'bench.torture', name, '--short']
     done = run(*command, cwd=REPOSITORY)
     count = attacks()[name].SHORT
