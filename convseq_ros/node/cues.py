@@ -17,6 +17,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 IMAGE = 'image'  # the cue of an image, and the topic of one that is in no recording
+_OF_PICTURES = 'camera'  # the frame of images that are in no recording
 _LEAD_NS = 1_000_000_000  # by which other topics start before the first image
 
 
@@ -35,8 +36,8 @@ def images_of(source: Source) -> Iterator[Cue]:
         return
     for frame in source:
         if frame.gray is not None:
-            image = image_message(frame.gray, Header(stamp=stamp_from_ns(frame.stamp_ns)))
-            yield Cue(frame.stamp_ns, IMAGE, image)
+            header = Header(stamp=stamp_from_ns(frame.stamp_ns), frame_id=_OF_PICTURES)
+            yield Cue(frame.stamp_ns, IMAGE, image_message(frame.gray, header))
         elif frame.problem not in source.warnings:
             source.warnings.append(frame.problem)
 

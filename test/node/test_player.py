@@ -106,6 +106,7 @@ def test_pictures_are_played_on_image_and_unreadable_ones_are_told(
     errors = []
     messages = hear(client, start, Image, '/image', folder, told=errors)
     assert stamps_of(messages) == [SECOND // 10, 3 * SECOND // 10]
+    assert {message.header.frame_id for message in messages} == {'camera'}
     (error,) = errors
     assert error.startswith(f'convseq play: {folder / "001.png"}: not a readable picture (data: ')
 
