@@ -3,16 +3,15 @@
 """The command `convseq`; each sub-command is one file with `describe` and `run`."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 import importlib
-from pathlib import Path
 import sys
 
 from convseq_ros import __version__
 from convseq_ros.cli.streams import discard, OUTPUT
-from convseq_ros.config.arguments import Parser
-from convseq_ros.errors import ConfigError, ConvseqError, printable
+from convseq_ros.config.arguments import Parser, refuse_foreign
+from convseq_ros.errors import ConvseqError, printable
 from convseq_ros.node.process import hand_over, interrupt, use_one_thread
 
 use_one_thread()
@@ -61,7 +60,7 @@ def main(args: Sequence[str] | None = None) -> int:
             command.become_node(NODES[chosen.command], chosen.arguments)
         command.describe(subparser)
         options = subparser.parse_args(chosen.arguments)
-        _refuse_foreign(options)
+        refuse_foreign(_words_of(options))
         return int(command.run(options))
     except ConvseqError as error:
         problem = str(error)
@@ -85,14 +84,8 @@ def main(args: Sequence[str] | None = None) -> int:
     return 1
 
 
-def _refuse_foreign(options: argparse.Namespace) -> None:
-    """Raise a ConfigError for a word that is not UTF-8, unless it names a file."""
-    given = [
-        word
-        for value in vars(options).values()
-        for word in (value if isinstance(value, list) else [value])
-        if isinstance(word, str)
-    ]
-    for word in given:
-        if word.encode('utf-8', 'ignore').decode() != word and not Path(word).exists():
-            raise ConfigError(f"'{printable(word)}' is not UTF-8; write it in UTF-8")
+def _words_of(options: argparse.Namespace) -> Iterator[str]:
+    for value in vars(options).values():
+        for word in value if isinstance(value, list) else [value]:
+            if isinstance(word, str):
+                yield word

@@ -3,10 +3,13 @@
 """What all command lines share: whole names of options, and how a file is named."""
 
 import argparse
+from collections.abc import Iterable
 import os
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
+
+from convseq_ros.errors import ConfigError, printable
 
 
 class Parser(argparse.ArgumentParser):
@@ -15,6 +18,13 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **more: Any) -> None:
         super().__init__(allow_abbrev=False, **more)
         self.register('type', Path, lambda text: Path(local(text)))
+
+
+def refuse_foreign(words: Iterable[str]) -> None:
+    """Raise a ConfigError for a word that is not UTF-8, unless it names a file."""
+    for word in words:
+        if word.encode('utf-8', 'ignore').decode() != word and not Path(word).exists():
+            raise ConfigError(f"'{printable(word)}' is not UTF-8; write it in UTF-8")
 
 
 def local(text: str) -> str:

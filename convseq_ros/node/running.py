@@ -6,10 +6,12 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from ctypes import CDLL
 import os
+import re
 import sys
 import threading
 
-from convseq_ros.errors import ConvseqError, one_line, with_traceback
+from convseq_ros.config.arguments import refuse_foreign
+from convseq_ros.errors import ConfigError, ConvseqError, one_line, with_traceback
 from convseq_ros.node.process import (
     check_logs,
     end_on_signal,
@@ -25,6 +27,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 
+_IN_C = re.compile(r'(, at \S+:\d+)+$')  # where the C code of ROS met an error
 _SPIN_S = 0.2
 _LOG_PERIOD_S = 5.0
 _M_MMAP_THRESHOLD = -3  # malloc.h of glibc: larger blocks are mapped, and unmapped when freed
@@ -42,10 +45,14 @@ def run_until_signal(
     os.environ.update(fast_dds(QUICK_START))  # read when the first node is made
     check_logs()
     try:
+        refuse_foreign(sys.argv if args is None else args)
         # rclpy's own handlers would shut ROS down in the middle of the work.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
+    except ConfigError as error:
         return _refuse(error, name)
+    except RuntimeError as error:
+        words = _IN_C.sub('', str(error))
+        return _refuse(ConfigError(f'{words}; check the words after --ros-args'), name)
     try:
         node = make_node()
         try:

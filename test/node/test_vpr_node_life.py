@@ -118,6 +118,21 @@ def test_a_node_that_cannot_start_says_why_in_one_line(start, parameters, reason
     assert reason in lines[0]
 
 
+@pytest.mark.parametrize(
+    ('word', 'reason'),
+    [
+        ('image:=caf\udce9', r"'image:=caf\xe9' is not UTF-8; write it in UTF-8"),
+        ('image:=1a', "'-r image:=1a'. Error: error not set; check the words after --ros-args"),
+    ],
+)
+def test_a_remap_that_ros_cannot_take_is_one_line(start, word, reason):
+    process = start('vpr_node', '-r', word)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 1
+    (line,) = [line for line in errors.splitlines() if '[rcl]' not in line]
+    assert line.endswith(reason)
+
+
 def bad_images(image, gray):
     """Yield images that no decoder can read."""
     for field, value in (
