@@ -13,12 +13,11 @@ from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.graph.links import SessionBounds
 from convseq_ros.core.types import Descriptor
+from golden.restatement import length_at
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
-from test.golden.restatement import length_at
 
 RULE = SequenceConfig()
 
