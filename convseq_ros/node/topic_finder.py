@@ -104,11 +104,11 @@ class TopicFinder:
             return
         given_up = {name: it for name in new if (it := self._used[name]) != self._default(name)}
         said = [
-            f'{name} is {topic}' + (f' instead of {given_up[name]}' if name in given_up else '')
+            f'{name} on {topic}' + (f' instead of {given_up[name]}' if name in given_up else '')
             for name, topic in new.items()
         ]
         self._used |= new
-        text = f'{", ".join(said)}, as found; to choose another, -r NAME:=TOPIC'
+        text = f'found {", ".join(said)}; to choose another, -r NAME:=TOPIC'
         self._follow(Change(new, 'image' in new or bool(given_up), text))
 
     def _report(self, found: Mapping[str, Sequence[str]]) -> None:

@@ -53,7 +53,8 @@ class _Content:
             return ''
         chunks = 'a damaged chunk' if len(self.damaged_at) == 1 else 'damaged chunks, the first'
         count = str(self.lost[topic] or 'the')
-        return f'{count} messages of {topic} in {chunks} at byte {self.damaged_at[0]} are left out'
+        at = f'{chunks} at byte {self.damaged_at[0]}'
+        return f'{count} messages of {topic} in {at} are left out; copy the recording again'
 
     def refuse_foreign(self) -> None:
         """Raise a ForeignRecording if there are channels, but none of ROS 2."""

@@ -188,6 +188,6 @@ def test_what_was_added_from_a_topic_that_is_given_up_leaves_the_map(
     client.wait_for(lambda: len(open_map(path)) == len(street) + 5, 'the file to be complete')
     assert [place.source for place in open_map(path).places[25:]] == 5 * ['/camera/image_raw']
     assert (
-        'image is /camera/image_raw instead of /lidar/nearir_image, as found; to choose another, '
+        'found image on /camera/image_raw instead of /lidar/nearir_image; to choose another, '
         '-r NAME:=TOPIC; 3 places are taken out of the map again\n'
     ) in capfd.readouterr().err

@@ -94,7 +94,7 @@ def test_only_what_replaces_a_wrong_topic_takes_its_data_back(graph):
         ({'image': '/camera/image_raw'}, True),
     ]
     assert seen.changes[-1].text == (
-        'image is /camera/image_raw instead of /lidar/nearir_image, as found; to choose another, '
+        'found image on /camera/image_raw instead of /lidar/nearir_image; to choose another, '
         '-r NAME:=TOPIC'
     )
 

@@ -53,7 +53,8 @@ def test_a_flipped_bit_costs_a_chunk_and_is_told_in_a_line(write, layout, number
         kept = [*pictures[:first], *pictures[first + lost :]]
         np.testing.assert_array_equal([frame.gray for frame in frames], kept)
         assert source.warnings == [
-            f'{path}: {lost} messages of {TOPIC} in a damaged chunk at byte {start} are left out'
+            f'{path}: {lost} messages of {TOPIC} in a damaged chunk at byte {start} are left out; '
+            'copy the recording again'
         ]
 
 
