@@ -16,7 +16,7 @@ from convseq_ros.cli.options import map_progress, progress
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.database import BESIDE
+from convseq_ros.core.map.database import BESIDE, LOCK
 from convseq_ros.core.map.edit import (
     joined,
     refuse_existing,
@@ -69,8 +69,9 @@ def run(chosen: argparse.Namespace) -> None:
         make_outputs(chosen, open_map(chosen.map))
         return
     count, encoding, keyframes = _lacking(chosen.map)
-    beside = [chosen.map.with_name(chosen.map.name + end) for end in BESIDE]
-    if count or any(file.exists() for file in beside):  # a killed one leaves its log
+    target = chosen.map.resolve()
+    beside = [target.with_name(target.name + end) for end in (LOCK, *BESIDE)]
+    if count or any(file.exists() for file in beside):  # which a killed one leaves
         with closing(Autosave(chosen.map, encoding, keyframes, True)) as kept:
             for _ in _linking(chosen.map, kept.reference_map):
                 kept.save()

@@ -353,15 +353,15 @@ def test_a_layout_keeps_distances_along_a_drive_and_brings_looks_together(path):
     assert len({tuple(point.round(3)) for point in apart.values()}) == 3 * ROUND
 
 
-def test_what_a_killed_link_left_is_taken_in_by_the_next(driven, tmp_path, capsys):
+@pytest.mark.parametrize('left', [('-wal', '-shm'), ('-lock',)])
+def test_what_a_killed_link_left_is_taken_in_by_the_next(driven, tmp_path, capsys, left):
     path, killed = driven[0], tmp_path / 'killed.db'
     opened = open_map(path)
     grown = tmp_path / 'grown.db'
     shutil.copy(path, grown)
     with closing(Autosave(grown, opened.encoding, opened.keyframes, True)):
-        for end in ('', '-wal', '-shm'):  # all that is there when it is killed now
+        for end in ('', *left):  # what is there when it is killed now, or at its end
             shutil.copy(f'{grown}{end}', f'{killed}{end}')
-    assert killed.with_name('killed.db-wal').exists()
     assert main(['map', 'link', str(killed), '--json']) == 0
     assert [one.name for one in tmp_path.iterdir() if 'killed' in one.name] == ['killed.db']
     assert [*open_map(killed).links] == [*opened.links]

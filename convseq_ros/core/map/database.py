@@ -20,6 +20,7 @@ from convseq_ros.io.regular_file import PART
 Rows = list[tuple[Any, ...]]
 
 BESIDE = '-journal', '-wal', '-shm'  # SQLite's files
+LOCK = '-lock'  # ends the name of a writer's lock
 _SAFELY = (  # https://sqlite.org/security.html
     'PRAGMA trusted_schema = OFF',
     'PRAGMA cell_size_check = ON',
@@ -200,7 +201,7 @@ class MapLock:
     def __init__(self, path: Path) -> None:
         _refuse_read_only(path)
         target = path.resolve()
-        self._path, is_ours = target.with_name(f'{target.name}-lock'), False
+        self._path, is_ours = target.with_name(target.name + LOCK), False
         while not is_ours:
             try:
                 self._file = os.open(self._path, os.O_CREAT | os.O_NOFOLLOW, 0o666)
@@ -248,7 +249,7 @@ def _delete_parts(target: Path) -> None:
     A folder is only made under the lock. One is deleted only if its name fits, it belongs to this
     user, no other user may read it, and it holds nothing but a map.
     """
-    names = {target.name + end for end in ('', '-lock', *BESIDE)}
+    names = {target.name + end for end in ('', LOCK, *BESIDE)}
     pattern = f'{glob.escape(target.name)}.{8 * "[a-z0-9_]"}{PART}'  # names by `tempfile`
     with suppress(OSError):
         for folder in target.parent.glob(pattern):
