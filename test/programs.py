@@ -14,7 +14,7 @@ def run(*command: Any, **more: Any) -> subprocess.CompletedProcess[str]:
     return subprocess.run(words, capture_output=True, text=True, check=False, **more)
 
 
-def wait_for(condition: Callable[[], object], patience_s: float = 60.0) -> None:
+def wait_for(condition: Callable[[], object], patience_s: float = 180.0) -> None:
     """Look again and again until a condition holds; AssertionError if it never does."""
     until_s = time.monotonic() + patience_s
     while not condition():

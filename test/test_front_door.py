@@ -248,7 +248,7 @@ def node(*args):
         'find = u.find_spec; u.find_spec = lambda name: None if name == "rclpy" else find(name); '
         f'sys.argv = ["vpr_node", *{args!r}]; from convseq_ros.node.__main__ import main; main()'
     )
-    return run(sys.executable, '-c', code, timeout=60)
+    return run(sys.executable, '-c', code, timeout=180)
 
 
 def test_the_node_without_ros_says_what_to_do_in_one_line():

@@ -153,7 +153,7 @@ def assert_shared_files_are_in(prefix: Path) -> None:
 
 
 def assert_node_reports_a_missing_map(command: list[str], environment: dict[str, str]) -> None:
-    result = run(*command, '--ros-args', '-p', 'map_path:=absent.db', env=environment, timeout=60)
+    result = run(*command, '--ros-args', '-p', 'map_path:=absent.db', env=environment, timeout=180)
     assert result.returncode == 1, result.stderr
     assert 'absent.db' in result.stderr
     assert 'Traceback' not in result.stderr

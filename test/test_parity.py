@@ -133,7 +133,7 @@ def answers_of_the_node(recording, map_path, encoding, path, topics):
             options = '--rate', '6', '--remap', f'/camera:={topic}'
             player = 'convseq_ros.node.player', recording, *options
             subprocess.run(
-                [*python, *player], cwd=path.parent, env=environment, check=True, timeout=60
+                [*python, *player], cwd=path.parent, env=environment, check=True, timeout=180
             )
         deadline = 600
         expected = NUM_FRAMES * max(1, len(topics))

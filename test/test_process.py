@@ -43,7 +43,7 @@ def interrupted(number, when, module, *arguments):
         module,
         *arguments,
         env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
-        timeout=60,
+        timeout=180,
     )
 
 

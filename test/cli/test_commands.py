@@ -138,7 +138,7 @@ def test_every_command_has_help(command, capsys):
     if command == 'play':  # it becomes another process
         pytest.importorskip('rclpy')
         told = [*START, command, '--help']
-        done = run(*told, timeout=60)
+        done = run(*told, timeout=180)
         assert done.returncode == 0 and 'usage: ' in done.stdout
         return
     with pytest.raises(SystemExit) as ended:
@@ -185,7 +185,7 @@ def limited(arguments, size):
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
-    return run(*START, *arguments, preexec_fn=limit, timeout=60)
+    return run(*START, *arguments, preexec_fn=limit, timeout=180)
 
 
 def test_no_space_left_for_a_map_is_one_line_and_keeps_what_was_committed(drive, tmp_path):
@@ -227,6 +227,6 @@ def test_an_interrupted_build_keeps_what_was_added_and_says_so(tmp_path):
             assert process.poll() is None and time.monotonic() < deadline
             time.sleep(0.02)
         process.send_signal(signal.SIGINT)
-        said = process.communicate(timeout=60)[1]
+        said = process.communicate(timeout=180)[1]
     assert process.returncode == 1 and 'interrupted; the map holds what was added' in said
     assert 0 < len(open_map(path)) < 800

@@ -92,7 +92,7 @@ print(json.dumps([len(row), int(row.argmax()) % 50, opened - before, resident() 
 def test_a_map_takes_little_more_memory_than_its_global_descriptors(large):
     # What is freed goes back to the system at once, however memory was used before.
     malloc = {'MALLOC_TRIM_THRESHOLD_': '1000000', 'MALLOC_MMAP_THRESHOLD_': '200000'}
-    answer = run(sys.executable, '-c', MEASURE, large, env=os.environ | malloc, timeout=60)
+    answer = run(sys.executable, '-c', MEASURE, large, env=os.environ | malloc, timeout=180)
     assert not answer.returncode, answer.stderr
     count, like, opened, used = json.loads(answer.stdout)
     assert (count, like) == (COUNT, 7)

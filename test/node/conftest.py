@@ -118,7 +118,9 @@ class Client:
         self.executor = SingleThreadedExecutor(context=context)
         self.executor.add_node(self.node)
 
-    def wait_for(self, condition: Callable[[], Any], what: str = '', timeout_s: float = 60) -> Any:
+    def wait_for(
+        self, condition: Callable[[], Any], what: str = '', timeout_s: float = 180
+    ) -> Any:
         """
         Spin until the condition holds, and return what it returned.
 

@@ -177,7 +177,7 @@ def test_a_node_on_the_time_of_the_recording_survives_a_loop(client, start, reco
 
 def test_it_plays_to_nobody_if_told_so(start, recording):
     process = start('player', recording, '--wait-subscribers', 0, '--rate', 100, '--best-effort')
-    assert process.communicate(timeout=60) == ('', '')
+    assert process.communicate(timeout=180) == ('', '')
     assert process.returncode == 0
 
 
@@ -195,7 +195,7 @@ def test_it_plays_to_nobody_if_told_so(start, recording):
 )
 def test_what_cannot_be_played_says_why(start, recording, words, code, reason):
     process = start('player', *words.split())
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=180)
     assert process.returncode == code
     assert reason in errors and 'Traceback' not in errors
     assert code == 2 or errors.startswith('convseq play: ')

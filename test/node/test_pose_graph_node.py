@@ -296,7 +296,7 @@ def test_without_gtsam_it_is_one_line(tmp_path):
     (tmp_path / 'gtsam.py').write_text('raise ImportError("none")\n')
     paths = os.pathsep.join([str(tmp_path), *sys.path])
     code = 'from convseq_ros.node.pose_graph_node import main; raise SystemExit(main())'
-    result = run(sys.executable, '-c', code, env=os.environ | {'PYTHONPATH': paths}, timeout=60)
+    result = run(sys.executable, '-c', code, env=os.environ | {'PYTHONPATH': paths}, timeout=180)
     assert result.returncode == 1
     (line,) = [text for text in result.stderr.splitlines() if 'INFO' not in text]
     assert 'gtsam is not installed' in line and 'pip install gtsam' in line

@@ -264,7 +264,7 @@ def test_security_that_cannot_be_had_is_one_line(tmp_path):
         env=os.environ
         | {'PYTHONPATH': os.pathsep.join(sys.path)}
         | {f'ROS_SECURITY_{name}': value for name, value in security.items()},
-        timeout=60,
+        timeout=180,
     )
     assert done.returncode == 1
     # What rcl tells of its own accord is information.

@@ -76,7 +76,7 @@ def test_a_signal_in_the_middle_of_saving_waits_a_moment_and_crashes_nothing(
         client.service(Trigger, '/vpr_node/save_map').call_async(Trigger.Request())
         assert process.stdout.readline() == 'saving\n'
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=60)
+        output, errors = process.communicate(timeout=180)
     finally:
         process.kill()
     assert process.returncode == 0, errors
@@ -94,7 +94,7 @@ def test_a_second_signal_while_it_ends_changes_nothing(client, start, map_path):
     process.send_signal(signal.SIGINT)
     time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=180)
     assert process.returncode == 0, errors
     assert 'Traceback' not in errors
 
@@ -110,7 +110,7 @@ def test_a_second_signal_while_it_ends_changes_nothing(client, start, map_path):
 )
 def test_a_node_that_cannot_start_says_why_in_one_line(start, parameters, reason):
     process = start('vpr_node', **parameters)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=180)
     assert process.returncode == 1
     lines = errors.splitlines()
     assert len(lines) == 1, errors
@@ -127,7 +127,7 @@ def test_a_node_that_cannot_start_says_why_in_one_line(start, parameters, reason
 )
 def test_a_remap_that_ros_cannot_take_is_one_line(start, word, reason):
     process = start('vpr_node', '-r', word)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=180)
     assert process.returncode == 1
     (line,) = [line for line in errors.splitlines() if '[rcl]' not in line]
     assert line.endswith(reason)
