@@ -28,13 +28,15 @@ CLEAN_BUILD := rm -rf build/lib* build/temp.* build/bdist.* *.egg-info
 PYTEST := bin/pytest --quiet --timeout=240
 # Two processes share the tests; one that is done takes over tests from the other.
 SHARED := --numprocesses=2 --dist=worksteal
-# .venv-noble has what rosdep brings on Ubuntu 24.04, and no extra. Its versions of NumPy, OpenCV
-# and scikit-image may compute other numbers, and what needs an extra must skip. The rest, such as
-# the node's life, cannot depend on either and is tested once; among these files are tests of that
-# kind, which have the mark `once`.
-NUMERICAL := test/core test/baselines test/evaluation
-WITH_EXTRAS := test/cli test/examples test/fleet test/pose_graph test/simulation test/sources \
-	$(wildcard test/test_*.py)
+# .venv-noble has what rosdep brings on Ubuntu 24.04. Its versions of NumPy, OpenCV and scikit-image
+# may compute other numbers. All the rest, such as command lines, packaging and the node's life,
+# cannot depend on them and is tested once; among these files are tests of the same kind, which
+# have the mark `once`.
+NUMERICAL := test/core test/baselines test/sources/test_images.py \
+	test/sources/test_folder.py test/evaluation/test_metrics.py \
+	test/evaluation/test_ranking.py test/evaluation/test_data_set.py test/test_parity.py
+# It has no extra either: all tests are collected there, and those that need one must skip.
+NEED_EXTRAS := test/examples test/fleet test/pose_graph test/simulation test/sources
 
 CHECKS := test-newest test-noble lint types contract
 
@@ -117,7 +119,7 @@ test-newest: .venv/test.stamp
 
 test-noble: .venv-noble/test.stamp
 	.venv-noble/$(PYTEST) --collect-only --quiet --quiet
-	.venv-noble/$(PYTEST) -m 'not once' --hypothesis-profile=few $(NUMERICAL) $(WITH_EXTRAS)
+	.venv-noble/$(PYTEST) -m 'not once' --hypothesis-profile=few $(sort $(NUMERICAL) $(NEED_EXTRAS))
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
