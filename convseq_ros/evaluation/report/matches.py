@@ -13,6 +13,7 @@ from typing import Any
 from convseq_ros.core.types import constants
 from convseq_ros.evaluation.report.pairs import Pair
 from convseq_ros.evaluation.report.template import photos, write_page
+import numpy as np
 
 Texts = tuple[str, str, str]  # about the answer, the frame and the place
 Row = list[Any]  # of the page's script: kind, texts, pictures, regions, keypoints, position
@@ -22,8 +23,8 @@ Row = list[Any]  # of the page's script: kind, texts, pictures, regions, keypoin
 class PAGE:
     """Limits that keep a page of 5,000 frames below 20 MB."""
 
-    match_bytes: int = 13_000_000  # of the pairs that are matches, as base64
-    other_bytes: int = 5_000_000
+    pair_bytes: int = 18_000_000  # of all pairs, as base64
+    other_bytes: int = 5_000_000  # of those that are no matches
     text_bytes: int = 300  # of a pair
     few: int = 1000  # frames up to which pictures are wide
     wide_px: int = 240
@@ -31,26 +32,35 @@ class PAGE:
 
 
 class _Pairs:
-    """Rows of which all, or evenly every n-th one, are kept, as many as fit."""
+    """Rows of which all, or evenly every n-th one, are kept: twice as many as fit at most."""
 
-    def __init__(self, most_bytes: int) -> None:
-        self.rows, self.offered = dict[int, Row](), 0
-        self._most_bytes, self._bytes, self._step = most_bytes, 0, 1
+    def __init__(self) -> None:
+        self.offered, self._rows, self._step, self._bytes = 0, dict[int, Row](), 1, 0
 
     def offer(self, make: Callable[[], Row]) -> None:
         self.offered += 1
         if (at := self.offered - 1) % self._step:
             return
-        self.rows[at] = make()
-        self._bytes += _size(self.rows[at])
-        if self._bytes > self._most_bytes:
+        self._rows[at] = make()
+        self._bytes += size_of([self._rows[at]])
+        if self._bytes > 2 * PAGE.pair_bytes:
             self._step *= 2
-            self.rows = {at: row for at, row in self.rows.items() if at % self._step == 0}
-            self._bytes = sum(map(_size, self.rows.values()))
+            self._rows = {at: row for at, row in self._rows.items() if at % self._step == 0}
+            self._bytes = sum(size_of([row]) for row in self._rows.values())
+
+    def fitting(self, most_bytes: int) -> list[Row]:
+        """Return all rows, or evenly as many as take so many bytes of a page."""
+        rows = kept = [*self._rows.values()]
+        while size_of(rows) > most_bytes:
+            count = int(0.97 * len(rows))
+            rows = [kept[at] for at in np.linspace(0, len(kept) - 1, count).astype(int)]
+        return rows
 
 
-def _size(row: Row) -> int:
-    return PAGE.text_bytes + sum(map(len, row[4:8]))
+def size_of(rows: Sequence[Row]) -> int:
+    """Return how many bytes rows take of a page, which holds each picture of a place once."""
+    places = sum(map(len, {row[5] for row in rows}))
+    return places + sum(PAGE.text_bytes + sum(map(len, (row[4], *row[6:8]))) for row in rows)
 
 
 class MatchPage:
@@ -65,7 +75,7 @@ class MatchPage:
         self.kinds, self.pictured = list[str](), set[bool]()  # whether places have a picture
         self._heights, self._at = list[float | None](), list[float]()
         self._match, self._colors = match, colors
-        self._matches, self._others = _Pairs(PAGE.match_bytes), _Pairs(PAGE.other_bytes)
+        self._matches, self._others = _Pairs(), _Pairs()
 
     def add(
         self,
@@ -110,7 +120,8 @@ class MatchPage:
         """
         counts, pairs = Counter(self.kinds), (self._matches, self._others)
         offered, numbers = sum(one.offered for one in pairs), dict[str, int]()
-        kept = [row for one in pairs for row in one.rows.values()]
+        others = self._others.fitting(PAGE.other_bytes)
+        kept = self._matches.fitting(PAGE.pair_bytes - size_of(others)) + others
         kept.sort(key=lambda row: order(row[-1]))
 
         def number(picture: str) -> int | None:
