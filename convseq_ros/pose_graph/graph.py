@@ -3,7 +3,7 @@
 """A pose graph that grows while a robot drives: odometry, closures, and the corrected way."""
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 import math
@@ -28,7 +28,8 @@ _MAP = 0  # node at the origin of the map, from which absolute poses are measure
 class LIVE:
     """Limits of the growing graph."""
 
-    every: int = 5  # of so many keyframes one is a node, beside those that closures end at
+    fine: int = 500  # of a drive's first keyframes each is a node, ...
+    every: int = 5  # ... of later ones one of so many, beside those at which queries end
     loose: float = 1e3  # standard deviation of the start of a drive, metres and radians
     patience_ns: int = 10_000_000_000  # until a closure without a counterpart counts as unusable
     most_poses: int = 1000  # absolute poses that wait for their closure
@@ -38,7 +39,8 @@ class LIVE:
 class Problem:
     """What is solved at a time; it does not change while the graph grows."""
 
-    poses: dict[int, Matrix]  # (4, 4), by node, in the order in which they came
+    new: dict[int, Matrix]  # nodes that were not solved before, and their poses (4, 4)
+    poses: Callable[[], dict[int, Matrix]]  # of all nodes
     steps: list[Edge]  # odometry between successive nodes
     links: list[Known]  # the closures
     held: dict[int, float]
@@ -48,12 +50,12 @@ class Problem:
     def solve(self) -> Solution:
         """Return the robust solution; ConvseqError if GTSAM is not installed."""
         edges = [one.edge for one in self.links if one.edge]
-        solution = self.solver.extended(self.poses, self.steps, edges, self.held)
+        solution = self.solver.extended(self.new, self.steps, edges, self.held)
         return solution or self.solver.anew(self._aligned(edges), self.steps, edges, self.held)
 
     def _aligned(self, edges: list[Edge]) -> dict[int, Matrix]:
         """Return the poses, with the running drive where most links with earlier drives see it."""
-        poses, first = self.poses, self.first
+        poses, first = self.poses(), self.first
         between = [edge for edge in edges if edge.end >= first > edge.start]
         if not between:
             return poses
@@ -74,7 +76,7 @@ class PoseGraph:
     config: PoseGraphConfig = field(default_factory=PoseGraphConfig)
     earlier: list[Odometry] = field(default_factory=list)
     known: dict[tuple[int, str, int], Known] = field(default_factory=dict)
-    solved: dict[int, Matrix] = field(default_factory=dict)  # (4, 4), by node, ascending
+    nodes: dict[int, Matrix] = field(default_factory=dict)  # poses (4, 4) before they are solved
     without_place: int = 0  # closures of which a place is not in the graph, nor in the map's frame
     twice: int = 0  # closures that came again
     restarts: int = 0  # clocks that were set back
@@ -91,6 +93,7 @@ class PoseGraph:
         self._nodes: list[int] = []  # ascending
         self._steps: list[Edge] = []
         self._solver = Solver()
+        self._solution: Solution | None = None
 
     def add_odometry(
         self, stamp_ns: int, pose: Matrix, told: tuple[float, float] | None = None
@@ -99,7 +102,7 @@ class PoseGraph:
         if self.running.is_anew(stamp_ns):
             self.restarts += 1
             first = self._first(self.running)
-            self.solved = {node: at for node, at in self.solved.items() if node < first}
+            self.nodes = {node: at for node, at in self.poses().items() if node < first}
             self.known = {key: one for key, one in self.known.items() if _ends_before(one, first)}
             self._begin()
         self.running.add(stamp_ns, pose, told)
@@ -139,9 +142,9 @@ class PoseGraph:
         found = [(one, places) for one in waiting if (places := self._places(one))]
         if not found:
             return None
-        self.solved = self.solved or {_MAP: np.eye(4)}
-        stored = set[int]() if self._nodes else {*self.solved}
-        self._extend({query[0] for _, (_, _, query) in found} | stored)
+        self.nodes = self.nodes or {_MAP: np.eye(4)}
+        stored = set[int]() if self._nodes else {*self.nodes}
+        new = self._extend({query[0] for _, (_, _, query) in found} | stored)
         for one, places in found:
             one.edge = self._link(*places)
         links = [one for one in self.known.values() if one.edge]
@@ -149,43 +152,56 @@ class PoseGraph:
         if self.earlier or not any(one.edge and one.edge.start == _MAP for one in links):
             held[1] = ROBUST.held
         held[_MAP], first = ROBUST.held, self._first(self.running)
-        return Problem({**self.solved}, [*self._steps], links, held, first, self._solver)
+        return Problem(new, self.poses, [*self._steps], links, held, first, self._solver)
 
-    def _extend(self, wanted: set[int]) -> None:
-        """Make nodes of new keyframes: each so many, and those of `wanted` after the last node."""
+    def _extend(self, wanted: set[int]) -> dict[int, Matrix]:
+        """Make nodes of new keyframes; `wanted` ones are nodes in any case."""
+        found = dict[int, Matrix]()
         for drive in self.drives:
             first = self._first(drive)
             end = first + len(drive.keyframes)
             old = self._nodes[bisect_left(self._nodes, first) : bisect_left(self._nodes, end)]
-            begin, least = (old[-1] + LIVE.every, old[-1]) if old else (first, first - 1)
-            new = sorted({*range(begin, end, LIVE.every), *(n for n in wanted if least < n < end)})
-            fresh = [node for node in new if node not in self.solved]
+            least, new = old[-1] if old else first - 1, list[int]()
+            for node in range(least + 1, end):
+                number = node - first
+                if number < LIVE.fine or not number % LIVE.every or node in wanted:
+                    new.append(node)
+            fresh = [node for node in new if node not in self.nodes]
             if drive is self.running:
                 poses = [self._move @ drive.keyframe(node - first) for node in fresh]
             else:
                 poses = [*self.corrected(drive, [node - first for node in fresh])]
-            self.solved |= dict(zip(fresh, poses, strict=True))
+            found |= dict(zip(fresh, poses, strict=True))
             ends = pairwise([*old[-1:], *new])
             self._steps += [drive.edge(a - first, b - first, first) for a, b in ends]
             self._nodes += new
+        self.nodes |= found
+        return found
+
+    def poses(self) -> dict[int, Matrix]:
+        """Return the poses (4, 4) of all nodes, as they were solved last."""
+        if solution := self._solution:
+            self.nodes |= solution.poses
+            self._solution = None
+        return self.nodes
 
     def adopt(self, problem: Problem, solution: Solution) -> list[Known]:
         """Take over a solution; return the closures on which the verdict is new."""
         if problem.solver is not self._solver:
             return []  # the drive began anew
         changed = []
-        first, poses = problem.first, solution.poses
+        first = problem.first
         for one, kept, error in zip(problem.links, solution.kept, solution.errors, strict=True):
             one.error, edge = error, one.edge
             if edge and one.kept is not kept:
                 changed.append(one)
                 one.kept_before, one.kept = one.kept, kept
-                there = poses[edge.start] @ edge.moved
-                one.apart_m = math.dist(there[:3, 3], poses[edge.end][:3, 3])
+                there = solution.pose(edge.start) @ edge.moved
+                one.apart_m = math.dist(there[:3, 3], solution.pose(edge.end)[:3, 3])
                 self._is_aligned |= kept and edge.end >= first > edge.start
-        self.solved = poses
+        self._solution = solution
         if (node := self._nodes[-1]) >= first:
-            self._move = poses[node] @ inverse(self.running.keyframe(node - first))
+            self._move = solution.pose(node) @ inverse(self.running.keyframe(node - first))
         return changed
 
     def corrected(self, drive: Odometry, numbers: Sequence[int] | None = None) -> Matrix:
@@ -193,12 +209,11 @@ class PoseGraph:
         first, count = self._first(drive), len(drive.keyframes)
         wanted = np.arange(count) if numbers is None else np.array(numbers, int)
         poses = np.array([drive.keyframe(int(at)) for at in wanted]).reshape(-1, 4, 4)
-        fixed = np.array(sorted(n - first for n in self.solved if first <= n < first + count))
+        nodes = self.poses()
+        fixed = np.array(sorted(n - first for n in nodes if first <= n < first + count))
         if not len(fixed):
             return poses
-        moves = np.array(
-            [self.solved[first + at] @ inverse(drive.keyframe(int(at))) for at in fixed]
-        )
+        moves = np.array([nodes[first + at] @ inverse(drive.keyframe(int(at))) for at in fixed])
         after = np.searchsorted(fixed, wanted, 'right')
         before, after = (np.clip(at, 0, len(fixed) - 1) for at in (after - 1, after))
         spread = np.array(drive.spread).sum(axis=1)

@@ -41,7 +41,7 @@ def save_graph(graph: PoseGraph, path: Path, map_id: str) -> int:
     links = [one for one in graph.known.values() if one.edge and one.kept is not None]
     links = [one for one in links if one.edge and one.edge.end < end]
     edges = [one.edge for one in links if one.edge]
-    nodes = [node for node in sorted(graph.solved) if node < end]
+    poses = {node: pose for node, pose in graph.poses().items() if node < end}
     header = {
         'format': _FORMAT,
         'map_id': map_id,
@@ -55,8 +55,8 @@ def save_graph(graph: PoseGraph, path: Path, map_id: str) -> int:
         'poses': [pose[:3] for drive in drives for pose in drive.poses],
         'keyframes': [at for drive in drives for at in drive.keyframes],
         'spread': [variances for drive in drives for variances in drive.spread],
-        'nodes': nodes,
-        'solved': [graph.solved[node][:3] for node in nodes],
+        'nodes': [*poses],
+        'solved': [pose[:3] for pose in poses.values()],
         'ends': [(edge.start, edge.end) for edge in edges],
         'moved': [edge.moved[:3] for edge in edges],
         'covariances': [edge.covariance for edge in edges],
@@ -130,7 +130,7 @@ def _graph(header: dict[str, Any], arrays: dict[str, Any], config: PoseGraphConf
         if not ((arrays[name] >= 0) & (arrays[name] < end)).all():
             raise ValueError(name)
     graph = PoseGraph(config, drives)
-    graph.solved = dict(zip(arrays['nodes'].tolist(), full['solved'], strict=True))
+    graph.nodes = dict(zip(arrays['nodes'].tolist(), full['solved'], strict=True))
     columns = (arrays[name] for name in ('ends', 'covariances', 'times', 'kept'))
     for (start, close), covariance, times, kept, moved, session in zip(
         *columns, full['moved'], header['references'], strict=True

@@ -4,6 +4,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from convseq_ros.core.rigid import Matrix
@@ -24,13 +25,25 @@ class ROBUST:
     held: float = 1e-4  # standard deviation of the first pose, metres and radians
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class Solution:
     """The optimised poses; for each usable link, in order, whether it counts and its error."""
 
-    poses: dict[int, Matrix]
+    values: Any  # the poses, as GTSAM has them
     kept: tuple[bool, ...]
     errors: tuple[float, ...]  # in standard deviations
+
+    def pose(self, index: int) -> Matrix:
+        """Return one pose (4, 4)."""
+        return np.asarray(self.values.atPose3(index).matrix())
+
+    @cached_property
+    def poses(self) -> dict[int, Matrix]:
+        """All poses (4, 4) by index, ascending."""
+        rows = need_gtsam().utilities.extractPose3(self.values)  # rotations by rows, positions
+        poses = np.tile(np.eye(4), (len(rows), 1, 1))
+        poses[:, :3, :3], poses[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
+        return dict(zip(self.values.keys(), poses, strict=True))
 
 
 def optimise(
@@ -73,7 +86,7 @@ def optimise(
         mu *= ROBUST.growth
         weights = _weights(squares, mu)
     kept = tuple(bool(weight > 0.5) for weight in weights)
-    return Solution(poses_of(values), kept, tuple(np.sqrt(squares).tolist()))
+    return Solution(values, kept, tuple(np.sqrt(squares).tolist()))
 
 
 def values_of(poses: Poses) -> Any:
@@ -83,14 +96,6 @@ def values_of(poses: Poses) -> Any:
     for index, pose in poses.items():
         values.insert(index, gtsam.Pose3(pose))
     return values
-
-
-def poses_of(values: Any) -> dict[int, Matrix]:
-    """Return GTSAM's poses (4, 4) by index, ascending."""
-    rows = need_gtsam().utilities.extractPose3(values)  # rotation, row by row, and position
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    poses[:, :3, :3], poses[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
-    return dict(zip(values.keys(), poses, strict=True))
 
 
 def priors(poses: Poses, held: Mapping[int, float]) -> Any:

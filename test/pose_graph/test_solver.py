@@ -66,10 +66,14 @@ def decided(monkeypatch):
 def grow(solver: Solver, links: list[Edge]) -> list[tuple[bool, ...]]:
     """Hand links over one by one, each when the drive has just come to it; return the verdicts."""
     verdicts = []
+    done = 0
     for number, last in enumerate(links, 1):
-        poses = {at: POSES[at] for at in range(last.end + 1)}
-        asked = poses, STEPS[: last.end], links[:number], HELD
-        solution = solver.extended(*asked) or solver.anew(*asked)
+        new = {at: POSES[at] for at in range(done, last.end + 1)}
+        asked = STEPS[: last.end], links[:number], HELD
+        solution = solver.extended(new, *asked)
+        if not solution:
+            solution = solver.anew({at: POSES[at] for at in range(last.end + 1)}, *asked)
+        done = max(done, last.end + 1)
         verdicts.append(solution.kept)
         solver.solution = solution
     return verdicts
