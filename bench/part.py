@@ -36,6 +36,7 @@ PARTS = {
     'between': (ONE,),
     'memory': (ONE,),
     'node': (ONE, TWO),
+    'pose_graph': (ONE,),
 }
 
 

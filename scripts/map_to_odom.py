@@ -3,10 +3,11 @@
 """
 Print the error of `map -> base` that `publish_tf` of vpr_node gives by itself.
 
-Usage: python scripts/map_to_odom.py [--streets 31 32 33] [--metres 250], some minutes. Drawn streets
-are mapped by day, a place per metre, and driven again by day, up to 1 m beside the map's line, with
-odometry that drifts by 2 %. Errors are those at each frame while the robot is localised, from the
-first measured pose on.
+Usage: python scripts/map_to_odom.py [--streets 31 32 33] [--metres 250], some minutes.
+
+Drawn streets are mapped by day, a place per metre, and driven again by day, up to 1 m beside the
+map's line, with odometry that drifts by 2 %. Errors are those at each frame while the robot is
+localised, from the first measured pose on.
 """
 
 from dataclasses import replace
