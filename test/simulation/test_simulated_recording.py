@@ -23,19 +23,24 @@ def shots():
     return list(draw(Street(100.0, 2), DRIVE))
 
 
+@pytest.fixture
+def rosbags():
+    return pytest.importorskip('rosbags', reason='needs rosbags: pip install rosbags')
+
+
 def read(path):
-    rosbags = pytest.importorskip('rosbags.highlevel')
+    from rosbags.highlevel import AnyReader
     from rosbags.typesys import get_typestore, Stores
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    with rosbags.AnyReader([path], default_typestore=store) as reader:
+    with AnyReader([path], default_typestore=store) as reader:
         return [
             (connection.topic, stamp, store.deserialize_cdr(data, connection.msgtype))
             for connection, stamp, data in reader.messages()
         ]
 
 
-def test_images_come_back_pixel_for_pixel(tmp_path, shots):
+def test_images_come_back_pixel_for_pixel(rosbags, tmp_path, shots):
     write_recording(tmp_path / 'drive', shots, odom_topic='')
     messages = read(tmp_path / 'drive')
     assert len(messages) == len(shots)
@@ -47,14 +52,14 @@ def test_images_come_back_pixel_for_pixel(tmp_path, shots):
         assert np.array_equal(message.data.reshape(48, 64, 3), shot.image)
 
 
-def test_an_existing_folder_is_left_alone(tmp_path, shots):
+def test_an_existing_folder_is_left_alone(rosbags, tmp_path, shots):
     (tmp_path / 'drive').mkdir()
     with pytest.raises(ConvseqError, match='exists already'):
         write_recording(tmp_path / 'drive', shots)
     assert not list((tmp_path / 'drive').iterdir())
 
 
-def test_an_interrupted_recording_leaves_nothing(tmp_path, shots):
+def test_an_interrupted_recording_leaves_nothing(rosbags, tmp_path, shots):
     def broken():
         yield shots[0]
         raise KeyboardInterrupt
@@ -64,7 +69,7 @@ def test_an_interrupted_recording_leaves_nothing(tmp_path, shots):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_camera_is_described_for_every_image(tmp_path, shots):
+def test_the_camera_is_described_for_every_image(rosbags, tmp_path, shots):
     write_recording(tmp_path / 'drive', shots, odom_topic='', info_topic='/camera/camera_info')
     infos = [m for topic, _, m in read(tmp_path / 'drive') if topic == '/camera/camera_info']
     assert len(infos) == len(shots)
