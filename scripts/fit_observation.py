@@ -1,14 +1,15 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print a fit of the log likelihood ratio of an observation (`CELLS`).
+Fit the log likelihood ratio of an observation (`CELLS`, `KEYPOINTS`); print and draw it.
 
-Usage: python scripts/fit_observation.py [--data FOLDER], a few minutes. Each drawn drive is
-matched against the middle half of its map. With `--data`, the folder of the data sets, so is
-corridor; laps and the other circuit are matched against the first lap.
-The best verified place of each frame counts: right within 5 m (corridor: 5 frames), wrong beyond
+Usage: python scripts/fit_observation.py [--data FOLDER] [--output leads.png], some ten minutes.
+Each drawn drive is matched against the middle half of its map. With `--data`, the folder of the
+data sets, so is corridor; laps and the other circuit are matched against the first lap. The
+strongest verified place of each frame counts: right within 5 m (corridor: 5 frames), wrong beyond
 15 (laps: as in laps.py). Right and wrong places have the same total weight, and so have all
-drives. The shipped weights and half of the fit are printed too: consecutive frames are correlated.
+drives. Keypoints are asked in every frame. The fit is linear in the leads of the cells and of the
+keypoints; the shipped ratio of keypoints is drawn for each usual lead beside what was seen.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,8 +19,9 @@ from pathlib import Path
 
 from convseq_ros import build_map, Config, Frame, PlaceRecognizer
 from convseq_ros.config import make_config
-from convseq_ros.core.decision.likelihood import CELLS
+from convseq_ros.core.decision.likelihood import CELLS, KEYPOINTS
 from convseq_ros.core.decision.observation import Observation
+from convseq_ros.evaluation.plots import new_figure, save
 from convseq_ros.evaluation.protocols import kept_halves
 from convseq_ros.sources.folder import ImageFolder
 from drawn_drives import drawn, Pair, PAIRS
@@ -29,7 +31,8 @@ import numpy as np
 
 RIGHT, WRONG = 5.0, 15.0  # metres, or frames
 STEPS = 30
-NAMES = 'constant', 'strength', 'score'
+NAMES = 'constant', 'strength', 'score', 'keypoints'
+ASKED = {'threads': 1, 'min_confidence': 1.0}  # never sure, so keypoints are always asked
 Values = np.ndarray
 Shown = list[tuple[Frame, float]]  # position: nan if unknown, inf if not in the map
 
@@ -53,12 +56,12 @@ def of_drawn(pair: Pair) -> Drive:
     first, last = kept_halves(len(mapped))['middle']
     kept = list(zip(mapped, here.tolist(), strict=True))[first:last]
     shown = list(zip(queries, there.tolist(), strict=True))
-    return Drive(pair.name, kept, shown, make_config({'threads': 1}))
+    return Drive(pair.name, kept, shown, make_config(ASKED))
 
 
 def of_corridor(folder: Path) -> Drive:
     """Return the drive through the corridor."""
-    config = make_config({'keyframe_overlap': 1.0, 'threads': 1})
+    config = make_config({'keyframe_overlap': 1.0, **ASKED})
     mapped, queries = (
         [(frame, float(index)) for index, frame in enumerate(ImageFolder(folder / name))]
         for name in ('ref', 'query')
@@ -69,7 +72,7 @@ def of_corridor(folder: Path) -> Drive:
 
 def of_laps(folder: Path) -> Drive:
     """Return the drive after the first lap, with the first lap as map."""
-    config = make_config({'threads': 1})
+    config = make_config(ASKED)
     truth = laps.read_truth(folder / 'ground_truth.csv')
     drive = list(ImageFolder(folder / 'drive'))
     where = [laps.place(truth, laps.number(frame)) for frame in drive]
@@ -99,8 +102,8 @@ def watched(recognizer: PlaceRecognizer) -> list[Observation]:
     return seen
 
 
-def leads(drive: Drive) -> Iterator[tuple[float, float, bool]]:
-    """Yield per keyframe both leads of the best verified place, and whether it is right."""
+def leads(drive: Drive) -> Iterator[tuple[float, float, float, bool]]:
+    """Yield per keyframe the three leads of the strongest place, and whether it is right."""
     made = build_map([frame for frame, _ in drive.mapped], None, drive.config)
     where = {frame.stamp_ns: at for frame, at in drive.mapped}
     recognizer = PlaceRecognizer(made, drive.config)
@@ -111,60 +114,83 @@ def leads(drive: Drive) -> Iterator[tuple[float, float, bool]]:
         if not newest or not newest.leads or not newest.has_rivals:
             continue
         best = int(newest.leads.strength.argmax())
-        away = abs(where[made.places[sorted(newest.verified)[best]].stamp_ns] - there)
+        place = sorted(newest.verified)[best]
+        if place not in newest.asked:
+            continue
+        away = abs(where[made.places[place].stamp_ns] - there)
         off = min(away, abs(drive.lap - away))
         if off <= drive.right or off > drive.wrong:
-            yield newest.leads.strength[best], newest.leads.score[best], off <= drive.right
+            strength, score = newest.leads.strength[best], newest.leads.score[best]
+            yield strength, score, newest.asked[place].lead, off <= drive.right
 
 
 def weights_of(drives: list[Values]) -> Values:
     """Return the weights of rows: equal per drive, and equal for right and wrong."""
-    right = np.concatenate([rows[:, 2] for rows in drives]) > 0
+    right = np.concatenate([rows[:, 3] for rows in drives]) > 0
     counts = np.concatenate([np.full(len(rows), 1 / max(len(rows), 1)) for rows in drives])
     return np.where(right, counts / counts[right].sum(), counts / counts[~right].sum()) / 2
 
 
 def fit(rows: Values, counts: Values) -> Values:
-    """Return the weights of 1 and both leads in the log odds, by Newton's method."""
-    features, right, weights = np.insert(rows[:, :2], 0, 1.0, axis=1), rows[:, 2], np.zeros(3)
+    """Return the weights of 1 and the three leads in the log odds, by Newton's method."""
+    features, right, weights = np.insert(rows[:, :3], 0, 1.0, axis=1), rows[:, 3], np.zeros(4)
     for _ in range(STEPS):
         chance = 1 / (1 + np.exp(-features @ weights))
         gradient = features.T @ (counts * (right - chance))
         curvature = (features.T * (counts * chance * (1 - chance))) @ features
-        weights += np.clip(np.linalg.solve(curvature + 1e-9 * np.eye(3), gradient), -1.0, 1.0)
+        weights += np.clip(np.linalg.solve(curvature + 1e-9 * np.eye(4), gradient), -1.0, 1.0)
     return weights
 
 
-def log_ratios(rows: Values, weights: Values) -> Values:
-    """Return the log likelihood ratios of rows."""
-    return np.asarray(weights[0] + rows[:, :2] @ weights[1:])
+def draw(leads_of: dict[str, Values], output: Path) -> None:
+    """Draw the leads of right and of wrong places of each drive, and the shipped ratio."""
+    shown = new_figure(9.0, 1.3 * len(leads_of))
+    for row, (name, values) in enumerate(leads_of.items()):
+        right = values[:, 3] > 0
+        for column, title in enumerate(('strength', 'pair score', 'keypoints')):
+            axes = shown.add_subplot(len(leads_of), 3, 3 * row + column + 1)
+            bins = np.linspace(-6, 16, 45)
+            for kind, colour in ((right, 'tab:green'), (~right, 'tab:red')):
+                if kind.any():
+                    axes.hist(values[kind, column], bins, density=True, alpha=0.5, color=colour)
+            if not column:
+                axes.set_ylabel(name, fontsize=7)
+            axes.set_title(title if not row else '', fontsize=8)
+            axes.tick_params(labelsize=6)
+    shown.tight_layout()
+    save(shown, output)
+
+
+def usual_leads(values: Values) -> tuple[float, float, float]:
+    """Return the means of the keypoints' leads of right and wrong places, and their sigma."""
+    right = values[:, 3] > 0
+    kinds = [values[kind, 2] for kind in (right, ~right) if kind.any()]
+    sigma = math.sqrt(np.average([kind.var() for kind in kinds]))
+    of = [float(values[kind, 2].mean()) if kind.any() else math.nan for kind in (right, ~right)]
+    return of[0], of[1], sigma
 
 
 def main() -> None:
     """Collect, fit, print and draw."""
-    chosen = options(__doc__, data=None)
+    chosen = options(__doc__, data=None, output=Path('leads.png'))
     drives = [of_drawn(pair) for pair in PAIRS]
     if chosen.data:
         drives += [of_corridor(chosen.data / 'corridor'), of_laps(chosen.data / 'laps')]
         drives.append(other_circuit(drives[-1], chosen.data / 'laps'))
-    leads_of = {drive.name: np.array(list(leads(drive)), float).reshape(-1, 3) for drive in drives}
+    found = {drive.name: np.array(list(leads(drive)), float).reshape(-1, 4) for drive in drives}
+    leads_of = {name: values for name, values in found.items() if len(values)}
     every = [*leads_of.values()]
     rows, counts = np.concatenate(every), weights_of(every)
-    shipped, fitted = np.array([getattr(CELLS, name) for name in NAMES]), fit(rows, counts)
-    print('             ', *NAMES)
-    for name, weights in (('fitted', fitted), ('shipped', shipped), ('half', fitted / 2)):
-        print(f'{name:14}', *(f'{one:.2f}' for one in weights))
-    print('above 0: drive, right, share by fit, as shipped; wrong, share by fit, as shipped')
-    for name, values in {**leads_of, 'all': rows}.items():
-        right = values[:, 2] > 0
-        above = [log_ratios(values, weights) > 0 for weights in (fitted, shipped)]
-        counts_of = [
-            ' '.join(
-                (f'{kind.sum()}', *(f'{one[kind].mean():.3f}' for one in above if kind.any()))
-            )
-            for kind in (right, ~right)
-        ]
-        print(f'{name}:', '; '.join(counts_of))
+    print('weights      ', *NAMES)
+    print('fitted       ', *(f'{one:.2f}' for one in fit(rows, counts)))
+    cells = [getattr(CELLS, name) for name in NAMES[:3]]
+    print('shipped cells', *(f'{one:.2f}' for one in cells))
+    print("keypoints' leads: mean of right places, of wrong ones, sigma")
+    shipped = f'{KEYPOINTS.usual_alike} by like light, {KEYPOINTS.usual_otherwise} by other'
+    print(f'shipped: {shipped}; 0; {KEYPOINTS.sigma}')
+    for name, values in leads_of.items():
+        print(f'{name}:', *(f'{one:.1f}' for one in usual_leads(values)))
+    draw(leads_of, chosen.output)
 
 
 if __name__ == '__main__':

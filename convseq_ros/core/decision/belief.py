@@ -13,6 +13,7 @@ Sources: Hansen and Browning 2014 (SeqSLAM as a hidden Markov model); Xu, Suende
 
 import math
 
+from convseq_ros.core.decision.likelihood import COPIES
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix
 from convseq_ros.core.types import constants, Doubles, Indices, Pose
@@ -31,7 +32,10 @@ class BELIEF:
     # Shares of mass that move, per keyframe.
     # To other velocities; also the prior of drives that meet the places in reverse order.
     changing: float = 0.01
-    entering: float = 0.004  # of elsewhere: enters the map, evenly over its places
+    entering: float = 0.004  # of elsewhere: enters the map, evenly over its places ...
+    # ... and of what is lost, at a start or where a session ends: as likely in the map as not,
+    # but so little at a place that no frame decides alone.
+    lost: float = 0.5
     leaving: float = 0.0005  # of each place: leaves the map
     jumping: float = 1e-4  # of all: anywhere in the map, if the robot is moved or odometry fails
     looks: float = 0.1  # of a place: moves to the other keyframes of the same place
@@ -144,6 +148,7 @@ class Belief:
         self.places: Indices = np.zeros(0, np.int64)
         self._mass: Doubles = np.zeros((len(self.motion.velocities), 0))
         self.elsewhere = 1.0
+        self._lost = 1.0  # part of elsewhere of which nothing is known
 
     @property
     def mass(self) -> Doubles:
@@ -163,7 +168,7 @@ class Belief:
         return float(self.motion.velocities[self._mass[:, at].argmax()])
 
     def predict(self, usable: int) -> None:
-        """Move the mass; mass that leaves its session, or the usable places, is elsewhere."""
+        """Move the mass; mass that leaves its session, or the usable places, is lost elsewhere."""
         if not len(self.places):
             return
         places, mass = self._with_looks(usable)
@@ -185,23 +190,29 @@ class Belief:
         same = flat.reshape(len(mass), count)
         other = self.motion.prior[:, None] * same.sum(axis=0)
         changed = (1 - BELIEF.changing) * same + BELIEF.changing * other
+        self._lost = max(0.0, float(mass.sum() - changed.sum()))
         self._mass = np.asarray((1 - BELIEF.leaving) * changed, np.float64)
         self.elsewhere = max(0.0, 1.0 - float(self._mass.sum()))
 
-    def update(self, places: Indices, log_ratios: Doubles, entry: Doubles, usable: int) -> None:
+    def update(
+        self, places: Indices, log_ratios: Doubles, entry: Doubles, usable: int, earlier: int
+    ) -> None:
         """
         Multiply the mass of places (n,), ascending, by their likelihood ratios.
 
         `places` has all places that hold mass, and may have more of the first `usable` places.
         `log_ratios` (n,) are logarithms: how many times likelier the frame is there than
         elsewhere. `entry` (n,), in [0, 1], is the share of entering mass that odometry allows.
+        `earlier` is the number of places of earlier drives, where a lost robot may be.
         """
         mass = np.zeros((len(self._mass), len(places)))
         mass[:, np.searchsorted(places, self.places)] = self._mass
-        share = BELIEF.entering * self.elsewhere * entry + BELIEF.jumping
+        entering = BELIEF.entering * (self.elsewhere - self._lost)
+        entering += min(BELIEF.lost, COPIES.all * earlier) * self._lost
+        share = entering * entry + BELIEF.jumping
         mass += self.motion.prior[:, None] * share / max(1, usable)
         mass *= np.exp(log_ratios)
-        elsewhere = self.elsewhere * (1 - BELIEF.entering)
+        elsewhere, self._lost = self.elsewhere - entering, 0.0
         total = float(mass.sum()) + elsewhere
         mass, self.elsewhere = mass / total, elsewhere / total
         kept = mass.sum(axis=0) > BELIEF.least

@@ -65,7 +65,7 @@ class BeliefDecider:
         belief.predict(query.usable)
         seen = self._observer.observe(query, belief)
         entry = self._prior.shares(seen.places, query.session_start)
-        belief.update(seen.places, seen.log_ratios, entry, query.usable)
+        belief.update(seen.places, seen.log_ratios, entry, query.usable, query.session_start)
         return self._answer(query, seen)
 
     def _answer(self, query: Query, seen: Observation) -> Answer:
@@ -105,8 +105,7 @@ class BeliefDecider:
         self._observer.end_search()
         near = self._near.mask(seen.places, best, _WINDOW)
         is_shown = bool((seen.log_ratios[near] > 0).any())
-        answers = (seen.asked[at] for at in seen.asked if self._near.is_near(at, best, _WINDOW))
-        self._observer.likelihood.confirm(is_shown, next(answers, None))
+        self._observer.likelihood.confirm(is_shown)
 
     def _strengths(self, best: int, seen: Observation) -> dict[int, float]:
         """Return the verification scores of a place and of its looks, as far as verified."""

@@ -22,12 +22,12 @@ class CELLS:
     """
     The density ratio of the cells' leads, its logarithm linear in both; and their scales.
 
-    Chosen on corridor, laps and Gardens Point. scripts/fit_observation.py prints and draws a fit.
+    Fitted by scripts/fit_observation.py, together with KEYPOINTS.
     """
 
-    constant: float = -0.7  # without a lead
-    strength: float = 0.4  # per scale of the lead in strength
-    score: float = 0.5  # per scale of the lead in pair score ...
+    constant: float = -2.0  # without a lead
+    strength: float = 0.45  # per scale of the lead in strength
+    score: float = 0.45  # per scale of the lead in pair score ...
     most_scales: float = 5.0  # ... up to this many: one similar house can score like a street
     unrelated: float = 30.0  # median strength of unrelated images
     # Scale of the controls' pair scores before a drive has any, and the memory of both scales; the
@@ -42,22 +42,18 @@ class CELLS:
 @constants
 class KEYPOINTS:
     """
-    The density ratio of the keypoints' lead: the roots of twice the blocks, so 1 is its sigma.
+    The density ratio of the keypoints' lead, in roots of twice the blocks, so their noise is 1.
 
-    Chosen on laps, corridor, RTAB-Map and drawn streets, by day and night.
+    Fitted by scripts/fit_observation.py.
     """
 
-    slope: float = 1.1  # of the log ratio
-    neutral: float = 2.6  # lead without information
-    floor: float = 7.0  # blocks that a rival has at least: by chance, 95 % have fewer
-    hypothesis: float = 0.5  # of the usual blocks: a rival with more is another hypothesis
-    # Probability, at first, that keypoints repeat, by like and by other light. It is learned: a
-    # lead that chance does not give raises it. Nothing lowers it, so false matches do not teach.
-    works_alike: float = 0.95
-    works_otherwise: float = 0.2
-    most: float = 0.995
+    usual_alike: float = 6.0  # lead of true places at first, in like light ...
+    usual_otherwise: float = 2.0  # ... and in other light
+    sigma: float = 1.6  # of the leads of true places, and of others about 0
+    floor: float = 2.0  # blocks that a rival has at least
+    works: float = 0.98  # probability that keypoints show a true place as they usually do
     surprising: float = 3.0  # log ratio of a lead that chance does not give
-    memory: float = 10.0  # such leads
+    memory: float = 10.0  # frames beyond doubt from which the usual lead is learned
 
 
 @constants
@@ -104,6 +100,12 @@ def gumbel_scale(best: Doubles) -> float | None:
     return float((gaps * np.arange(1, len(gaps) + 1)).mean())
 
 
+def gain_of(follows: float, chance: float, affirmed: float = 1.0) -> float:
+    """Return -log q of `Likelihood.log_ratios`, by the numbers that `Evidence` has."""
+    along = COPIES.along / (COPIES.along + (1 - COPIES.along) * min(1.0, affirmed))
+    return -math.log(min(1.0, follows * along + chance))
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Leads:
     """The leads of verified places over the strongest rival, in scales."""
@@ -121,8 +123,8 @@ class Leads:
 class Asked:
     """A place that keypoints were asked about."""
 
-    root: float  # twice the root of the blocks that agree
-    ratio: float  # logarithm of the density ratio of its lead
+    lead: float  # over the best of its rivals
+    ratio: float  # logarithm of the density ratio of the lead
     is_current: bool  # whether the place is of the running drive
 
 
@@ -148,8 +150,7 @@ class Likelihood:
         self._strength_scale = RecentMean(1.0, CELLS.memory / 2)
         self._score_scale = RecentMean(CELLS.prior_score, CELLS.memory / 2)
         self._missed = RecentMean(1 - CELLS.works, CELLS.memory / 2)
-        self._repeats: dict[bool, float] = {}  # learned probability, by `is_current`
-        self._usual: dict[bool, float] = {}  # roots of matches, by `is_current`
+        self._usual: dict[bool, float] = {}  # learned lead of true places, by `is_current`
 
     @property
     def cells_work(self) -> float:
@@ -168,19 +169,18 @@ class Likelihood:
         With the density ratio e^c of the cells, that of the keypoints, e^k, and the probabilities
         r and s that cells and keypoints work here, the ratio is
 
-            R = (r e^c / q + 1 - r) (s e^k + 1 - s),  bounded by  R / (1 + a R)
+            R = (r e^c / q + 1 - r) (s e^k + 1 - s),  divided by  1 + a max R  down to 1
 
         q is the chance that the strongest place of the map lies where it lies, if the drive is
-        elsewhere: 1 in N, or more if the belief followed it, since the strongest place moves along
-        in a share of copies; for all other places q is 1. a is the share of frames elsewhere that
-        look like a place in every respect, so no frame decides alone.
+        elsewhere: 17 in N, or more if the belief followed it, since the strongest place moves
+        along in a share of copies; for all other places q is 1. a is the share of frames elsewhere
+        that look like the best place in every respect, so no frame decides alone.
         """
-        along = COPIES.along / (COPIES.along + (1 - COPIES.along) * min(1.0, seen.affirmed))
-        chance = min(1.0, seen.follows * along + seen.chance)
-        works, gain = self.cells_work, -math.log(chance) * seen.is_strongest
-        spoken = math.log(works) + seen.cells + gain
+        works, gain = self.cells_work, gain_of(seen.follows, seen.chance, seen.affirmed)
+        spoken = math.log(works) + seen.cells + gain * seen.is_strongest
         total = np.logaddexp(spoken, math.log(1 - works)) + seen.keypoints
-        return np.asarray(-np.logaddexp(-total, math.log(COPIES.all)))
+        bound = np.logaddexp(0.0, total.max() + math.log(COPIES.all))
+        return np.asarray(np.minimum(total, np.maximum(total - bound, 0.0)))
 
     def leads(self, strengths: Doubles, scores: Doubles, is_rival: Flags) -> Leads:
         """
@@ -199,49 +199,56 @@ class Likelihood:
                 scale.add(gap)
         return Leads(lead, above.clip(-CELLS.most_scales, CELLS.most_scales))
 
-    def asked(self, blocks: Mapping[int, int], current: Mapping[int, bool]) -> dict[int, Asked]:
-        """Return the answers of the keypoints about places, from their agreeing blocks."""
+    def asked(
+        self, blocks: Mapping[int, int], current: Mapping[int, bool], is_alike: bool
+    ) -> dict[int, Asked]:
+        """
+        Return the answers of the keypoints about places, from their agreeing blocks.
+
+        Leads are normal, with the mean u at true places and 0 elsewhere, so the log ratio of a
+        lead x is u (x - u / 2) / sigma^2: where keypoints do not repeat, u is 0 and they are
+        silent. Places that both lead over chance show the same scene: neither is a rival.
+        """
         roots = {place: 2 * math.sqrt(count) for place, count in blocks.items()}
+        least = 2 * math.sqrt(KEYPOINTS.floor)
 
-        def is_hypothesis(place: int) -> bool:
-            usual = self._usual.get(current[place], math.inf)
-            return roots[place] ** 2 > KEYPOINTS.hypothesis * usual**2
+        def ratio(place: int, lead: float) -> float:
+            usual = self._usual_lead(current[place], is_alike)
+            return usual * (lead - usual / 2) / KEYPOINTS.sigma**2
 
+        scenes = {p for p, root in roots.items() if ratio(p, root - least) > KEYPOINTS.surprising}
         answers = {}
         for place, root in roots.items():
-            rivals = [
-                roots[other]
-                for other in roots
-                if other != place and not (is_hypothesis(place) and is_hypothesis(other))
-            ]
-            lead = root - max([2 * math.sqrt(KEYPOINTS.floor), *rivals])
-            ratio = KEYPOINTS.slope * (lead - KEYPOINTS.neutral)
-            answers[place] = Asked(root, ratio, current[place])
+            shown = scenes if place in scenes else {place}
+            rivals = [roots[other] for other in roots if other not in shown]
+            lead = root - max([least, *rivals])
+            answers[place] = Asked(lead, ratio(place, lead), current[place])
         return answers
 
-    def keypoints(self, answer: Asked, is_alike: bool) -> float:
-        """Return the log ratio of a place by keypoints: silent as far as they do not repeat."""
-        works = self._works(answer.is_current, is_alike)
+    def keypoints(self, answer: Asked) -> float:
+        """Return the log ratio of a place by keypoints; they may fail to show a true place."""
+        works = KEYPOINTS.works
         return float(np.logaddexp(math.log(works) + answer.ratio, math.log(1 - works)))
 
-    def _works(self, is_current: bool, is_alike: bool) -> float:
-        start = KEYPOINTS.works_alike if is_current or is_alike else KEYPOINTS.works_otherwise
-        return max(start, self._repeats.get(is_current, 0.0))
+    def learn(self, answer: Asked, cells: float, is_alike: bool) -> None:
+        """
+        Take in what keypoints said of the strongest place, if cells leave no doubt of it.
 
-    def learn_repeats(self, answers: Mapping[int, Asked], is_alike: bool) -> None:
-        """Take in what keypoints said: a lead that chance does not give shows that they repeat."""
-        best = max(answers.values(), key=lambda answer: answer.ratio, default=None)
-        if best and best.ratio > KEYPOINTS.surprising:
-            works = self._works(best.is_current, is_alike)
-            raised = works + (1 - works) / KEYPOINTS.memory
-            self._repeats[best.is_current] = min(KEYPOINTS.most, raised)
+        `cells` is its log ratio by cells. Copies are not that strong, so they teach nothing.
+        """
+        if cells > KEYPOINTS.surprising:
+            usual = self._usual_lead(answer.is_current, is_alike)
+            learned = max(0.0, usual + (answer.lead - usual) / KEYPOINTS.memory)
+            self._usual[answer.is_current] = learned
 
-    def confirm(self, is_shown: bool, answer: Asked | None) -> None:
-        """Take in a match: whether the newest frame alone speaks for it, and its keypoints."""
+    def _usual_lead(self, is_current: bool, is_alike: bool) -> float:
+        is_like = is_current or is_alike
+        start = KEYPOINTS.usual_alike if is_like else KEYPOINTS.usual_otherwise
+        return self._usual.get(is_current, start)
+
+    def confirm(self, is_shown: bool) -> None:
+        """Take in a match: whether the newest frame alone speaks for it."""
         self._missed.add(not is_shown)
-        if answer:
-            usual = self._usual.setdefault(answer.is_current, answer.root)
-            self._usual[answer.is_current] += (answer.root - usual) / KEYPOINTS.memory
 
 
 def doubts(strengths: Doubles, is_current: Flags, step: Verification | None) -> Doubles:

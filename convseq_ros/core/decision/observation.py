@@ -18,6 +18,7 @@ from convseq_ros.core.decision.likelihood import (
     Asked,
     doubts,
     Evidence,
+    gain_of,
     KEYPOINTS,
     Leads,
     Likelihood,
@@ -197,26 +198,29 @@ class Observer:
         is_rival = is_peak & ~self._near.mask(examined, best)
         has_rivals = len(self._elsewhere(places, best)) >= OBSERVED.fewest and bool(is_rival.any())
         leads = likelihood.leads(strengths, scores[at], is_rival)
-        is_sure = (
-            self._mass(belief, best, LINKS.beside // 2) >= query.config.acceptance.min_confidence
-        )
-        asked = dict[int, Asked]()
-        if not is_sure or leads.cells.max() < KEYPOINTS.surprising:
-            asked = self._asked(query, belief, examined[np.argsort(-strengths, kind='stable')])
         newest = buffer.newest.descriptor
         is_alike = self._witness.is_like(query.frame, newest, query.usable)
-        spoken = {place: likelihood.keypoints(one, is_alike) for place, one in asked.items()}
-        likelihood.learn_repeats(asked, is_alike)
-        is_followed = belief.elsewhere < 1
-        mass = self._mass(belief, best, OBSERVED.beside)
+        chance = min(1.0, (2 * LINKS.beside + 1) / query.usable)
+        is_followed, mass = belief.elsewhere < 1, self._mass(belief, best, OBSERVED.beside)
+        follows = mass / (1 - belief.elsewhere) if is_followed else 0.0
+        held = self._mass(belief, best, LINKS.beside // 2)
+        is_sure = held >= query.config.acceptance.min_confidence
+        by_cells = leads.cells.max() + gain_of(follows, chance)
+        asked = dict[int, Asked]()
+        if not is_sure or by_cells < KEYPOINTS.surprising:
+            strongest = examined[np.argsort(-strengths, kind='stable')]
+            asked = self._asked(query, belief, strongest, is_alike)
+        spoken = {place: likelihood.keypoints(answer) for place, answer in asked.items()}
         evidence = Evidence(
             leads.cells,
             self._said(examined, spoken),
             self._near.beside(examined, best, OBSERVED.beside) & has_rivals,
-            mass / (1 - belief.elsewhere) if is_followed else 0.0,
-            min(1.0, (2 * LINKS.beside + 1) / query.usable),
+            follows,
+            chance,
             math.exp(spoken.get(best, 0.0)),
         )
+        if best in asked and has_rivals:
+            likelihood.learn(asked[best], leads.cells[examined == best][0], is_alike)
         # A single frame hardly distinguishes a place from its neighbours.
         log_ratios[at] = self._near.best_beside(
             examined, examined, likelihood.log_ratios(evidence), OBSERVED.beside, OBSERVED.loss
@@ -245,7 +249,9 @@ class Observer:
         own = zip(places.tolist(), denied.tolist(), strict=True)
         return np.array([spoken.get(place, ratio) for place, ratio in own])
 
-    def _asked(self, query: Query, belief: Belief, strongest: Indices) -> dict[int, Asked]:
+    def _asked(
+        self, query: Query, belief: Belief, strongest: Indices, is_alike: bool
+    ) -> dict[int, Asked]:
         """
         Return what keypoints say of the strongest places that are apart and the likeliest one.
 
@@ -269,7 +275,7 @@ class Observer:
             place: self._witness.blocks(keypoints, place, motion(place), side) for place in chosen
         }
         current = {place: place >= query.session_start for place in blocks}
-        return self.likelihood.asked(blocks, current)
+        return self.likelihood.asked(blocks, current, is_alike)
 
     def _with(self, seen: Observation, believed: Indices) -> Observation:
         """Return an observation with more places; low ratios spread to unverified neighbours."""

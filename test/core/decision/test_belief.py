@@ -31,7 +31,7 @@ class Driven:
         return moved, np.full(moved.shape, self._sigma)
 
 
-def seen(belief, log_ratios, places=None, entry=1.0, unseen=0.0):
+def seen(belief, log_ratios, places=None, entry=1.0, unseen=0.0, earlier=0):
     """Look at some places, all of them unless told, and at what is believed."""
     places = np.arange(len(log_ratios)) if places is None else np.array(places)
     every = np.union1d(belief.places, places)
@@ -39,7 +39,7 @@ def seen(belief, log_ratios, places=None, entry=1.0, unseen=0.0):
     ratios[at] = log_ratios
     entries = np.ones(len(every))
     entries[at] = entry
-    belief.update(every, ratios, entries, len(belief._map))
+    belief.update(every, ratios, entries, len(belief._map), earlier)
     return belief
 
 
@@ -67,13 +67,33 @@ def test_the_second_step_by_hand(a_map):
     prior = (1 - 0.0005) * np.array([0, *first[:3]])
     assert mass == pytest.approx(prior) and elsewhere == pytest.approx(1 - prior.sum())
     seen(belief, np.log([1, 1, 20, 1]), entry=[1, 1, 0.5, 0])
-    share = (0.004 * elsewhere * np.array([1, 1, 0.5, 0]) + 1e-4) / 4
+    # What ran off the map is lost; without earlier drives, it does not enter.
+    entering = 0.004 * (elsewhere - first[3])
+    share, stays = (entering * np.array([1, 1, 0.5, 0]) + 1e-4) / 4, elsewhere - entering
     weights = (prior + share) * [1, 1, 20, 1]
-    total = weights.sum() + 0.996 * elsewhere
+    total = weights.sum() + stays
     mass, left = masses(belief, 4)
-    assert mass == pytest.approx(weights / total) and left == pytest.approx(
-        0.996 * elsewhere / total
-    )
+    assert mass == pytest.approx(weights / total) and left == pytest.approx(stays / total)
+
+
+def test_a_lost_robot_is_in_the_map_of_an_earlier_drive_as_likely_as_not(a_map):
+    def first_mass(count, earlier):
+        return seen(Belief(a_map(count), Driven()), np.zeros(count), earlier=earlier).mass.sum()
+
+    assert first_mass(400, 400) == pytest.approx(0.5, abs=1e-4)
+    assert first_mass(100, 100) == pytest.approx(0.15, abs=1e-4)  # so no frame decides alone
+    assert first_mass(100, 0) == pytest.approx(1e-4, rel=0.01)  # of no earlier drive
+    belief = seen(Belief(a_map(400), Driven()), np.full(400, -40.0), earlier=400)
+    later = seen(belief, np.zeros(400), earlier=400).mass.sum()
+    assert later == pytest.approx(0.004, abs=2e-4)  # the first frame denies all places
+
+
+def test_mass_that_runs_off_a_session_may_be_anywhere_in_the_map(a_map):
+    belief = sure_of(Belief(a_map(400, 4), Driven()), 403)
+    belief.predict(404)
+    assert belief.elsewhere > 0.99
+    seen(belief, np.zeros(404), earlier=404)
+    assert belief.mass.sum() == pytest.approx(0.5, abs=0.01)
 
 
 def test_a_little_of_the_mass_takes_up_another_velocity(a_map):
@@ -175,7 +195,7 @@ def driven(whole, steps, both, order=None, most=50.0, looked=0.6):
         there = order[rng.random(len(order)) < looked]
         places = np.union1d(there, belief.places)
         old = np.argsort(order)[places]
-        belief.update(places, ratios[old], entry[old], len(whole))
+        belief.update(places, ratios[old], entry[old], len(whole), len(whole))
         yield belief
 
 

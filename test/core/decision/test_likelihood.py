@@ -30,7 +30,7 @@ def ratio(
 
 
 def bounded(value):
-    return value / (1 + ALL * value)
+    return min(value, max(1.0, value / (1 + ALL * value)))
 
 
 @pytest.mark.parametrize(
@@ -62,9 +62,18 @@ def test_a_ratio_by_hand(evidence, expected):
     assert ratio(**evidence) == pytest.approx(bounded(expected))
 
 
+def test_the_bound_is_the_same_for_all_places_of_a_frame():
+    cells, none = np.array([20.0, 17.0, 5.0, -40.0]), np.zeros(4)
+    seen = Evidence(cells, none, np.zeros(4, bool), 0.0, 0.01, 1.0)
+    first, second, third, fourth = Likelihood().log_ratios(seen)
+    assert first == pytest.approx(-math.log(ALL), abs=1e-3)
+    assert first - second == pytest.approx(3, abs=1e-3)  # the cells tell them apart
+    assert third == 0 and fourth == pytest.approx(math.log(0.14))  # the bound denies no place
+
+
 def test_density_ratios_of_cells_are_linear_in_both_leads():
     leads = Leads(np.array([0.0, 5.0, 0.0]), np.array([0.0, 0.0, -2.0]))
-    assert leads.cells.tolist() == pytest.approx([-0.7, 1.3, -1.7])
+    assert leads.cells.tolist() == pytest.approx([-2.0, 0.25, -2.9])
 
 
 def test_leads_are_over_the_strongest_and_the_best_rival():
@@ -95,14 +104,14 @@ def test_the_gaps_between_rivals_are_the_scale_of_later_leads():
 
 def test_the_chance_that_cells_work_is_learned_from_matches():
     missed, shown = Likelihood(), Likelihood()
-    missed.confirm(False, None)
-    shown.confirm(True, None)
+    missed.confirm(False)
+    shown.confirm(True)
     assert missed.cells_work == pytest.approx(1 - (0.95 * 1.4 + 1) / 10.5)
     assert shown.cells_work == pytest.approx(1 - 0.95 * 1.4 / 10.5)
     assert ratio(-40.0, seen=missed) == pytest.approx(bounded(1 - missed.cells_work))
     assert shown.unverified == pytest.approx(math.log(0.95 * 1.4 / 10.5))
     for _ in range(200):
-        shown.confirm(True, None)
+        shown.confirm(True)
     assert shown.cells_work == 0.98
     shown.reset()
     assert shown.cells_work == pytest.approx(0.86)
@@ -112,59 +121,63 @@ NEW = {1: False, 2: False}  # places of earlier drives
 OURS = {1: True, 2: True}  # of the running one
 
 
+LEAST = 2 * 2**0.5  # twice the root of the blocks that chance gives
+
+
+def normal(lead, usual):
+    """Return the log ratio of a lead: normal about `usual` at true places, about 0 elsewhere."""
+    return (lead**2 - (lead - usual) ** 2) / (2 * 1.6**2)
+
+
 def test_keypoints_of_a_place_lead_those_of_the_others_or_what_chance_gives():
-    both = Likelihood().asked({1: 25, 2: 9}, NEW)  # twice the roots: 10 and 6
-    assert (both[1].root, both[2].root) == (10, 6)
-    assert both[1].ratio == pytest.approx(1.1 * (4 - 2.6))
-    assert both[2].ratio == pytest.approx(1.1 * (-4 - 2.6))
-    few = Likelihood().asked({1: 25, 2: 4}, NEW)
-    alone = Likelihood().asked({1: 25}, NEW)
-    assert few[1].ratio == alone[1].ratio == pytest.approx(1.1 * (10 - 2 * 7**0.5 - 2.6))
-    assert Likelihood().asked({}, {}) == {}
+    both = Likelihood().asked({1: 25, 2: 9}, NEW, True)  # twice the roots: 10 and 6
+    assert (both[1].lead, both[2].lead) == (4, -4)
+    assert both[1].ratio == pytest.approx(normal(4, 6))
+    assert both[2].ratio == pytest.approx(normal(-4, 6))
+    few = Likelihood().asked({1: 25, 2: 1}, NEW, True)
+    alone = Likelihood().asked({1: 25}, NEW, True)
+    assert few[1].ratio == alone[1].ratio == pytest.approx(normal(10 - LEAST, 6))
+    assert Likelihood().asked({}, {}, True) == {}
 
 
-def test_two_places_with_as_many_blocks_as_matches_have_are_no_rivals():
+def test_less_is_usual_in_other_light_but_on_the_running_drive():
+    asked = Likelihood().asked
+    assert asked({1: 25}, NEW, False)[1].ratio == pytest.approx(normal(10 - LEAST, 2))
+    assert asked({1: 25}, OURS, False)[1].ratio == pytest.approx(normal(10 - LEAST, 6))
+
+
+def test_two_places_that_both_lead_over_chance_are_no_rivals():
+    asked = Likelihood().asked  # a lead over chance of 4.28 is surprising: 12.65 blocks
+    alone = asked({1: 25}, NEW, True)[1].ratio
+    assert asked({1: 25, 2: 13}, NEW, True)[1].ratio == alone
+    assert asked({1: 25, 2: 12}, NEW, True)[1].ratio == pytest.approx(normal(10 - 2 * 12**0.5, 6))
+    assert asked({1: 25, 2: 13}, NEW, True)[2].ratio == pytest.approx(
+        normal(2 * 13**0.5 - LEAST, 6)
+    )
+
+
+def test_keypoints_may_fail_to_show_a_true_place():
+    shown = math.exp(Likelihood().keypoints(Asked(0.0, math.log(10), False)))
+    assert shown == pytest.approx(0.98 * 10 + 0.02)
+    assert math.exp(Likelihood().keypoints(Asked(0.0, -40.0, False))) == pytest.approx(0.02)
+
+
+def test_the_usual_lead_is_learned_where_cells_leave_no_doubt():
     likelihood = Likelihood()
-    likelihood.confirm(True, Asked(10.0, 0.0, False))  # 25 blocks
-    against_chance = likelihood.asked({1: 25}, NEW)[1].ratio
-    assert likelihood.asked({1: 25, 2: 13}, NEW)[1].ratio == against_chance
-    assert likelihood.asked({1: 25, 2: 13}, NEW)[2].ratio < against_chance
-    assert likelihood.asked({1: 25, 2: 12}, NEW)[1].ratio < against_chance  # fewer than half
-    # Places of the running drive have more in common with it; their number is another.
-    assert likelihood.asked({1: 25, 2: 13}, OURS)[1].ratio < against_chance
-    for _ in range(50):
-        likelihood.confirm(True, Asked(20.0, 0.0, False))
-    assert likelihood.asked({1: 25, 2: 13}, NEW)[1].ratio < against_chance
 
+    def ratio_of_10(current=NEW):
+        return likelihood.asked({1: 25}, current, True)[1].ratio
 
-def said(answer_ratio, is_alike, is_current=False, seen=None):
-    """Return the ratio of a place by keypoints."""
-    answer = Asked(0.0, answer_ratio, is_current)
-    return math.exp((seen or Likelihood()).keypoints(answer, is_alike))
-
-
-def test_keypoints_are_silent_as_far_as_they_do_not_repeat():
-    assert said(math.log(10), True) == pytest.approx(0.95 * 10 + 0.05)
-    assert said(math.log(10), False) == pytest.approx(0.2 * 10 + 0.8)
-    assert said(-40.0, True) == pytest.approx(0.05)
-    assert said(-40.0, False) == pytest.approx(0.8)
-    assert said(-40.0, False, is_current=True) == pytest.approx(0.05)
-
-
-def test_a_surprising_lead_shows_that_keypoints_repeat():
-    likelihood = Likelihood()
-    likelihood.learn_repeats({}, False)
-    likelihood.learn_repeats({1: Asked(9.0, 2.9, False)}, False)  # as chance gives
-    assert said(-40.0, False, seen=likelihood) == pytest.approx(0.8)
-    likelihood.learn_repeats({1: Asked(9.0, 3.1, False), 2: Asked(5.0, -9.0, True)}, False)
-    assert said(-40.0, False, seen=likelihood) == pytest.approx(1 - 0.28)
-    assert said(-40.0, False, True, seen=likelihood) == pytest.approx(0.05)  # not of those
-    assert said(-40.0, True, seen=likelihood) == pytest.approx(0.05)  # never less than at first
-    for _ in range(200):
-        likelihood.learn_repeats({1: Asked(9.0, 3.1, False)}, False)
-    assert said(-40.0, False, seen=likelihood) == pytest.approx(0.005)
+    likelihood.learn(Asked(1.0, 0.0, False), 2.99, True)
+    assert ratio_of_10() == pytest.approx(normal(10 - LEAST, 6))  # a copy may be that strong
+    likelihood.learn(Asked(1.0, 0.0, False), 3.01, True)
+    assert ratio_of_10() == pytest.approx(normal(10 - LEAST, 5.5))  # a tenth of the way
+    assert ratio_of_10(OURS) == pytest.approx(normal(10 - LEAST, 6))  # another usual lead
+    for _ in range(400):
+        likelihood.learn(Asked(-3.0, 0.0, False), 20.0, True)
+    assert ratio_of_10() == 0.0  # silent
     likelihood.reset()
-    assert said(-40.0, False, seen=likelihood) == pytest.approx(0.8)
+    assert ratio_of_10() == pytest.approx(normal(10 - LEAST, 6))
 
 
 def test_a_weak_place_of_the_running_drive_is_doubted():
