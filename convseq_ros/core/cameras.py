@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from convseq_ros.config import Config
+from convseq_ros.core.decision.odometry_jump import ROBOT
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import Describe
 from convseq_ros.core.encoding.regions import global_descriptor
@@ -84,6 +85,21 @@ class Cameras:
         """The localization of the most certain camera."""
         candidates = [recognizer.localizer.localization for recognizer in self.each]
         return max(candidates, key=lambda it: (_ASCENDING.index(it.state), it.quality or 0.0))
+
+    @property
+    def odometry_jumps(self) -> int:
+        """Number of steps of odometry that no robot can have made."""
+        return max(recognizer.decider.odometry_jumps for recognizer in self.each)
+
+    @property
+    def odometry_problem(self) -> str:
+        """What is wrong with odometry, in one line; empty if nothing is."""
+        if not self.odometry_jumps:
+            return ''
+        return (
+            f'odometry has steps faster than {ROBOT.fastest_mps:g} m/s, which are left out; check '
+            'its unit, its source and its resets'
+        )
 
     @property
     def resets(self) -> int:

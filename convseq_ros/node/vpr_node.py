@@ -312,6 +312,7 @@ class VprNode(ManagedNode):
                 'queue': self._worker.waiting,
                 'lost_by_middleware': self._lost(),
                 'clock_jumps': session.cameras.resets,
+                'odometry_jumps': session.cameras.odometry_jumps,
                 'result_rows_lost': self._results.lost,
                 'camera_info': self._frame_context.camera.is_calibrated,
                 'frames_without_pose': odometry.missing,

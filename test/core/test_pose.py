@@ -138,7 +138,8 @@ def test_a_match_that_odometry_denies_is_implausible(street):
     recognizer = PlaceRecognizer(build_map(street[0], None, config), config)
     reasons = []
     for number, frame in enumerate(street[1]):
-        # After 14 frames odometry says that the robot drives away to the side.
+        if 14 < number < 20:
+            continue  # no images while, by odometry, the robot drives away to the side
         x, _, z = frame.pose.position
         aside = Pose((x, max(0, number - 14) * 3.5, z), frame.pose.orientation)
         match = recognizer.process(replace(frame, pose=aside))

@@ -39,6 +39,11 @@ class BeliefDecider:
         witness = KeypointWitness(reference_map, config.keyframes.keypoints)
         self._observer = Observer(coarse, self._near, witness, matching.shortlist_length)
 
+    @property
+    def odometry_jumps(self) -> int:
+        """How many steps of odometry were left out, since no robot can have made them."""
+        return self._jumps.count
+
     def reset(self) -> None:
         self._belief.reset()
         self._observer.reset()

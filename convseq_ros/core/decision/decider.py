@@ -48,6 +48,10 @@ def candidate(
 class Decider(Protocol):
     """Decides frame by frame: `PaperDecider`, as the paper does, or `BeliefDecider`."""
 
+    @property
+    def odometry_jumps(self) -> int:
+        """How many steps of odometry were left out, since no robot can have made them."""
+
     def decide(self, query: Query) -> Answer:
         """Return the places that the newest frame may show, and whether the best is a match."""
 

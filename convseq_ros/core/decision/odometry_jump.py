@@ -18,6 +18,7 @@ class OdometryJumps:
     """Compares each pose with the one before."""
 
     def __init__(self) -> None:
+        self.count = 0  # since the start
         self.reset()
 
     def reset(self) -> None:
@@ -32,4 +33,6 @@ class OdometryJumps:
         if last is None:
             return False
         duration_s = max(0, stamp_ns - last[0]) / 1e9
-        return math.dist(pose.position, last[1].position) > ROBOT.fastest_mps * duration_s
+        is_jump = math.dist(pose.position, last[1].position) > ROBOT.fastest_mps * duration_s
+        self.count += is_jump
+        return is_jump

@@ -15,7 +15,9 @@ def at(x):
 def jumps(*steps):
     """Return which poses of (seconds, metres) are jumps."""
     observed = OdometryJumps()
-    return [observed.observe(round(second * 1e9), at(x)) for second, x in steps]
+    told = [observed.observe(round(second * 1e9), at(x)) for second, x in steps]
+    assert observed.count == sum(told)
+    return told
 
 
 def test_a_step_that_a_robot_can_make_is_none():

@@ -21,6 +21,8 @@ class PaperDecider:
 
     """
 
+    odometry_jumps = 0  # it does not use odometry
+
     def __init__(self, reference_map: ReferenceMap, coarse: Coarse, config: Config) -> None:
         self._map, self._coarse = reference_map, coarse
         self._listed = config.matching.shortlist_length

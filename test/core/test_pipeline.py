@@ -1,0 +1,60 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a pipeline says once: a map without keypoints, and odometry that no robot can have."""
+
+from contextlib import closing
+from dataclasses import replace
+
+from convseq_ros.config import make_config, with_values
+from convseq_ros.core.map_builder import build_map
+from convseq_ros.core.pipeline import Pipeline
+from convseq_ros.core.types import Frame, Pose
+from pictures import walls
+import pytest
+
+CONFIG = make_config({'image_size_px': 128, 'keyframe_overlap': 1.0})
+FRAMES = [Frame(number * 10**8, gray) for number, gray in enumerate(walls(30))]
+
+
+@pytest.fixture
+def opened(tmp_path):
+    """Return a function that builds a map and opens it, each with some values of parameters."""
+
+    def opened(kept, used):
+        path = tmp_path / 'map.db'
+        build_map(FRAMES, path, with_values(CONFIG, kept))
+        return closing(Pipeline(path, with_values(CONFIG, used)))
+
+    return opened
+
+
+@pytest.mark.parametrize(
+    ('kept', 'used', 'is_told'),
+    [
+        ({'keypoints': 0}, {}, True),
+        ({}, {}, False),
+        ({'keypoints': 0}, {'keypoints': 0}, False),  # as asked
+        ({'keypoints': 0}, {'acceptance_rule': 'margin'}, False),  # which does not use them
+    ],
+)
+def test_a_map_without_keypoints_is_told_in_one_line(opened, tmp_path, kept, used, is_told):
+    with opened(kept, used) as pipeline:
+        told = [line for line in pipeline.ignored if 'keypoints' in line]
+    line = (
+        f'{tmp_path / "map.db"} has no keypoints, so alike aisles may be confused; build the map '
+        'again to add them'
+    )
+    assert told == [line] * is_told
+
+
+@pytest.mark.parametrize('rule', ['auto', 'margin'])
+def test_steps_of_odometry_that_no_robot_can_make_are_counted_and_told(opened, rule):
+    with opened({}, {'acceptance_rule': rule}) as pipeline:
+        cameras = pipeline.cameras
+        for number, frame in enumerate(FRAMES):
+            pose = Pose((0.1 * number + 12 * (number > 20), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+            cameras.process(replace(frame, stamp_ns=frame.stamp_ns + 10**12, pose=pose))
+            if number == 20:
+                assert not cameras.odometry_jumps and cameras.odometry_problem == ''
+        assert cameras.odometry_jumps == (rule == 'auto')
+        assert ('faster than 40 m/s' in cameras.odometry_problem) == (rule == 'auto')
