@@ -7,7 +7,7 @@ Usage: python scripts/jumps.py --data FOLDER [--piece 30] [--threads 1], a minut
 of laps.py. The map is the first lap; the rest of the drive is cut into pieces of some images,
 which are shown in a drawn order, a tenth of a second apart. A jump counts if the place is known
 before and after it, more than 100 places away. *Old* is a match after it that is still within 100
-places of where the drive would have gone on. Frames are keyframes.
+places of where the drive would have gone on. Only keyframes are counted.
 """
 
 from dataclasses import replace

@@ -38,9 +38,10 @@ from convseq_ros.node.topics import (
 )
 from convseq_ros.pose_graph.closures import Closure, Known
 from convseq_ros.pose_graph.g2o import g2o
-from convseq_ros.pose_graph.graph import PoseGraph, Problem
+from convseq_ros.pose_graph.graph import PoseGraph
 from convseq_ros.pose_graph.graph_file import load_graph, map_of, save_graph, tum
 from convseq_ros.pose_graph.optimisation import need_gtsam
+from convseq_ros.pose_graph.problem import Problem
 from convseq_ros.sources.pose_track import pose_from_message
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped

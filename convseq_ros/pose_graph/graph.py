@@ -3,7 +3,7 @@
 """A pose graph that grows while a robot drives: odometry, closures, and the corrected way."""
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 import math
@@ -12,11 +12,11 @@ from typing import Any
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.core.rigid import inverse, Matrix
 from convseq_ros.core.types import constants
-from convseq_ros.pose_graph.alignment import agreed
 from convseq_ros.pose_graph.closures import Closure, Known
 from convseq_ros.pose_graph.edges import Edge, link_edge
 from convseq_ros.pose_graph.odometry import Odometry
 from convseq_ros.pose_graph.optimisation import ROBUST, Solution
+from convseq_ros.pose_graph.problem import Problem
 from convseq_ros.pose_graph.solver import Solver
 import numpy as np
 
@@ -33,34 +33,6 @@ class LIVE:
     loose: float = 1e3  # standard deviation of the start of a drive, metres and radians
     patience_ns: int = 10_000_000_000  # until a closure without a counterpart counts as unusable
     most_poses: int = 1000  # absolute poses that wait for their closure
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Problem:
-    """What is solved at a time; it does not change while the graph grows."""
-
-    new: dict[int, Matrix]  # nodes that were not solved before, and their poses (4, 4)
-    poses: Callable[[], dict[int, Matrix]]  # of all nodes
-    steps: list[Edge]  # odometry between successive nodes
-    links: list[Known]  # the closures
-    held: dict[int, float]
-    first: int  # node of the running drive
-    solver: Solver
-
-    def solve(self) -> Solution:
-        """Return the robust solution; ConvseqError if GTSAM is not installed."""
-        edges = [one.edge for one in self.links if one.edge]
-        solution = self.solver.extended(self.new, self.steps, edges, self.held)
-        return solution or self.solver.anew(self._aligned(edges), self.steps, edges, self.held)
-
-    def _aligned(self, edges: list[Edge]) -> dict[int, Matrix]:
-        """Return the poses, with the running drive where most links with earlier drives see it."""
-        poses, first = self.poses(), self.first
-        between = [edge for edge in edges if edge.end >= first > edge.start]
-        if not between:
-            return poses
-        move = agreed([(poses[one.start] @ one.moved, poses[one.end]) for one in between])
-        return poses | {at: move @ pose for at, pose in poses.items() if at >= first}
 
 
 @dataclass(eq=False)

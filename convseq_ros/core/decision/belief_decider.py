@@ -7,7 +7,8 @@ from convseq_ros.core.decision.belief import Belief, MotionModel
 from convseq_ros.core.decision.decider import Answer, apart, candidate, Query
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import strength_of
-from convseq_ros.core.decision.observation import Neighbourhood, Observation, Observer
+from convseq_ros.core.decision.neighbourhood import Neighbourhood
+from convseq_ros.core.decision.observation import Observation, Observer
 from convseq_ros.core.decision.odometry_jump import OdometryJumps
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.decision.paper.diagonals import diagonal

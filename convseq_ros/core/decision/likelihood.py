@@ -22,7 +22,8 @@ class CELLS:
     """
     The density ratio of the cells' leads, its logarithm linear in both; and their scales.
 
-    Fitted by scripts/fit_observation.py, together with KEYPOINTS.
+    Chosen by hand between a fit (scripts/fit_observation.py) and no false match, on corridor,
+    laps, Gardens Point, drawn streets and aisles (docs/NOTES.md).
     """
 
     constant: float = -2.0  # without a lead
@@ -42,9 +43,10 @@ class CELLS:
 @constants
 class KEYPOINTS:
     """
-    The density ratio of the keypoints' lead, in roots of twice the blocks, so their noise is 1.
+    The density ratio of the keypoints' lead: of twice the root of the blocks that agree.
 
-    Fitted by scripts/fit_observation.py.
+    Chosen by hand from the means and spreads of leads that scripts/fit_observation.py prints, on
+    the drives of CELLS.
     """
 
     usual_alike: float = 6.0  # lead of true places at first, in like light ...
@@ -101,7 +103,11 @@ def gumbel_scale(best: Doubles) -> float | None:
 
 
 def gain_of(follows: float, chance: float, affirmed: float = 1.0) -> float:
-    """Return -log q of `Likelihood.log_ratios`, by the numbers that `Evidence` has."""
+    """
+    Return the gain of the strongest place for being the strongest: -log q of `log_ratios`.
+
+    The arguments are those of `Evidence`.
+    """
     along = COPIES.along / (COPIES.along + (1 - COPIES.along) * min(1.0, affirmed))
     return -math.log(min(1.0, follows * along + chance))
 

@@ -115,8 +115,7 @@ class MatchPage:
         Write the page in one step.
 
         `above` is a drawing, or empty; `about` says how it was made. `strip` explains the strip,
-        and `axis` is the unit of `at`.
-        Pairs are sorted by `order` of their positions.
+        and `axis` is the unit of `at`. Pairs are sorted by `order` of their positions.
         """
         counts, pairs = Counter(self.kinds), (self._matches, self._others)
         offered, numbers = sum(one.offered for one in pairs), dict[str, int]()

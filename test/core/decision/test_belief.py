@@ -5,7 +5,7 @@
 from itertools import pairwise
 
 from convseq_ros.core.decision.belief import BELIEF, Belief, MotionModel
-from convseq_ros.core.decision.observation import Neighbourhood
+from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.rigid import of_roll_pitch_yaw
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 from convseq_ros.config import Config
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.likelihood import COPIES
-from convseq_ros.core.decision.observation import Neighbourhood, Observer
+from convseq_ros.core.decision.neighbourhood import Neighbourhood
+from convseq_ros.core.decision.observation import Observer
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.types import Frame
 from hypothesis import given, settings

@@ -1,0 +1,47 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which places of a map show nearly the same scene."""
+
+from convseq_ros.core.graph.links import LINKS
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import Doubles, Flags, Indices
+import numpy as np
+
+
+class Neighbourhood:
+    """Which places of a map show nearly the same as a given one: its neighbours and looks."""
+
+    def __init__(self, reference_map: ReferenceMap) -> None:
+        self._map = reference_map
+
+    def ranges(self, index: int, distance: int = LINKS.beside) -> list[range]:
+        """Return the ranges of places within a distance of a place and of each of its looks."""
+        looks = (index, *self._map.links.looks(index))
+        return [self._map.bounds.around(look, distance) for look in looks]
+
+    def mask(self, places: Indices, index: int, distance: int = LINKS.beside) -> Flags:
+        """Return which of `places` (n,) are near a place or one of its looks."""
+        is_near = np.zeros(len(places), np.bool_)
+        for near in self.ranges(index, distance):
+            is_near |= (places >= near.start) & (places < near.stop)
+        return is_near
+
+    def beside(self, places: Indices, index: int, distance: int) -> Flags:
+        """Return which of `places` (n,) are within a distance of a place in its session."""
+        return self._map.bounds.near(places, index, distance)
+
+    def best_beside(
+        self, places: Indices, others: Indices, values: Doubles, reach: int, loss: float = 0.0
+    ) -> Doubles:
+        """
+        Return for each place (n,) the best value among `others` (m,) within reach in its session.
+
+        A value loses `loss` per place of distance. The result is -inf without others in reach.
+        """
+        near = self._map.bounds.nearness(places, others, reach)
+        lowered = values[:, None] - loss * abs(places - others[:, None])
+        return np.where(near, lowered, -np.inf).max(axis=0, initial=-np.inf)
+
+    def is_near(self, place: int, index: int, distance: int = LINKS.beside) -> bool:
+        """Return whether a place is near another or one of its looks."""
+        return any(place in near for near in self.ranges(index, distance))
