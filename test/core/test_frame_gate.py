@@ -17,7 +17,7 @@ from convseq_ros.config import (
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.gate.dropped_frames import FrameDropDetector
 from convseq_ros.core.gate.gate import FrameGate
-from convseq_ros.core.gate.near_duplicate import distance, GLANCE, glance, NearnessByGlance
+from convseq_ros.core.gate.near_duplicate import distance, GLANCE, glance, NearDuplicate
 from convseq_ros.core.gate.stamp_order import Order, StampOrder
 from convseq_ros.core.gate.standstill import Standstill
 from convseq_ros.core.similarity.overlap import PaperSimilarity
@@ -250,11 +250,12 @@ def seen(apart):
     return shown
 
 
-def learned(*tested):
-    """Return what has seen a far frame at 0 and then frames so far away: near, or None for far."""
-    near = NearnessByGlance()
-    for apart in (None, *tested):
-        near.learn(seen(apart or 0.0), apart is not None)
+def after(*apart, overlap=KeyframeConfig().keyframe_overlap):
+    """Return what has seen a far frame at 0, and then frames so far away that are near."""
+    near = NearDuplicate(overlap)
+    near.note(seen(0.0), is_near=False)
+    for each in apart:
+        near.note(seen(each), is_near=True)
     return near
 
 
@@ -266,20 +267,20 @@ def test_a_glance_is_the_same_in_a_dimmer_light_and_one_of_a_flat_image_says_not
     assert glance(np.zeros((1, 1), np.uint8)) is None
 
 
-def test_frames_are_surely_near_up_to_what_was_found_near_before_a_far_one():
-    assert not learned().is_sure(seen(0.0)) and not learned(0.2).is_sure(seen(0.0))
-    near = learned(0.2, 0.4, 0.3, None)
-    assert near.is_sure(seen(0.35)) and not near.is_sure(seen(0.37)) and not near.is_sure(None)
-    assert not learned(0.4, None, 0.1, None).is_sure(seen(0.2))
+def test_frames_are_surely_near_within_a_distance_that_shrinks_with_the_spacing():
+    near = after()
+    assert near.is_sure(seen(0.28)) and not near.is_sure(seen(0.3)) and not near.is_sure(None)
+    half = (1 + KeyframeConfig().keyframe_overlap) / 2
+    near = after(overlap=half)
+    assert near.is_sure(seen(0.14)) and not near.is_sure(seen(0.15))
     near.reset()
     assert not near.is_sure(seen(0.0))
 
 
-def test_a_robot_that_stands_far_from_the_last_far_frame_is_asked_a_few_times_only():
-    near = learned(0.4, None, 0.6)
-    assert (
-        near.is_sure(seen(0.55)) and not near.is_sure(seen(0.61)) and not near.is_sure(seen(0.45))
-    )
+def test_a_robot_that_stands_far_from_the_last_far_frame_is_tested_once_only():
+    near = after(0.6)
+    assert near.is_sure(seen(0.55)) and not near.is_sure(seen(0.61))
+    assert not near.is_sure(seen(0.45))
 
 
 @cache

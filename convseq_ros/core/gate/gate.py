@@ -13,7 +13,7 @@ from functools import cache
 from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.gate.dropped_frames import FRAME_DROPS, FrameDropDetector
-from convseq_ros.core.gate.near_duplicate import Glance, glance, NearnessByGlance
+from convseq_ros.core.gate.near_duplicate import Glance, glance, NearDuplicate
 from convseq_ros.core.gate.standstill import near, Standstill
 from convseq_ros.core.similarity.overlap import Overlap, PaperSimilarity
 from convseq_ros.core.types import Descriptor, Gray, Pose, Reason
@@ -48,7 +48,7 @@ class FrameGate:
         self._overlap = Overlap(config.encoding.saliency_threshold, config.matching.kernel)
         self._drops = FrameDropDetector(FRAME_DROPS.memory if by_image else 0)
         self._keyframes, self._by_scene = keyframes, keyframes.keyframe_overlap < 1.0
-        self._glances = NearnessByGlance()
+        self._near_duplicate = NearDuplicate(keyframes.keyframe_overlap)
         self._interval_ns = round(_EARLIEST * keyframes.keyframe_interval_s * 1e9)
         self._by_default: FrameGate | None = None  # counts scenes, if the spacing is another
         if config.online.grows and keyframes.spacing != KeyframeConfig().spacing:
@@ -65,7 +65,7 @@ class FrameGate:
             self._by_default.reset()
         self._standstill.reset()
         self._drops.reset()
-        self._glances.reset()
+        self._near_duplicate.reset()
         self._last_ns: int | None = None  # stamp of the last keyframe; pose and scene as well
         self._pose: Pose | None = None
         self._scene: Descriptor | None = None
@@ -98,7 +98,7 @@ class FrameGate:
         # With scene spacing, standstill only names the reason.
         if still and not (self._by_scene and self._standstill.needs_image(pose)):
             return self._not_keyframe(still, pose, seen, self._blank)
-        if self._by_scene and self._glances.is_sure(seen):
+        if self._by_scene and self._near_duplicate.is_sure(seen):
             return self._not_keyframe(still, pose, seen, self._blank)
         descriptor = encode()
         if self._by_scene:  # else uninformative frames are keyframes, too
@@ -106,11 +106,11 @@ class FrameGate:
                 return Verdict(Reason.UNINFORMATIVE, descriptor)
             share, last = self._keyframes.keyframe_overlap, self._scene
             if last is not None and self._overlap(descriptor, last, share) > share:
-                self._glances.learn(seen, True)
+                self._near_duplicate.note(seen, True)
                 return self._not_keyframe(still, pose, seen, descriptor)
         # In the dark, noise alone may leave little overlap: compare the frames for standstill.
         unchanged = self._standstill.check(descriptor, pose, seen)
-        self._glances.learn(seen, unchanged)
+        self._near_duplicate.note(seen, unchanged)
         if unchanged:
             return self._not_keyframe(still or not self._by_scene, pose, seen, descriptor)
         if self._by_scene:
