@@ -31,8 +31,8 @@ from convseq_ros.simulation.route import Route
 import numpy as np
 import numpy.typing as npt
 
+from bench.robot import image, Robot, robot, unaccounted
 from bench.torture.page import keep_soak
-from bench.torture.robot import image, Robot, robot, unaccounted
 
 _TOWN = Route(((0, 0), (100, 0), (100, 80), (0, 80), (0, 0)), seed=5)
 _PERIOD_NS = 100_000_000  # between two frames of the drive, at any rate: a camera of 10 Hz

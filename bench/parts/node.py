@@ -20,7 +20,7 @@ from bench.material import keyframe_map, model_map, model_of, read_drive, Work
 from bench.part import ALONE
 
 if TYPE_CHECKING:
-    from bench.torture.robot import Robot
+    from bench.robot import Robot
 
 _SIZE = 10_000
 _RATES_HZ = 10, 30
@@ -139,7 +139,7 @@ def _start(work: Work, what: str, path: Path) -> Finding:
 @contextmanager
 def _node(work: Work, path: Path, waits: bool = True, **parameters: object) -> Iterator['Robot']:
     """Run the node with a map on the first cores; the camera uses the other cores."""
-    from bench.torture.robot import robot
+    from bench.robot import robot
 
     for name in ALONE:  # the node decides that for itself
         os.environ.pop(name, None)
@@ -155,7 +155,7 @@ def _node(work: Work, path: Path, waits: bool = True, **parameters: object) -> I
 
 
 def _message(gray: npt.NDArray[np.uint8]) -> Any:
-    from bench.torture.robot import image
+    from bench.robot import image
 
     width = gray.shape[1]
     return image(np.repeat(gray, 3, axis=1), width=width, encoding='bgr8')

@@ -16,8 +16,10 @@ import sys
 import tempfile
 import time
 
-from bench.torture.attack import Attack, attacks, carry_out, Outcome
-from bench.torture.page import keep_outcome, kept_outcome
+from bench.torture.attack import attacks, carry_out, Outcome
+from bench.torture.page import keep_outcome
+
+_SEED = 16  # the first
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -30,24 +32,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     until_s = time.monotonic() + chosen.hours * 3600
     outcomes = {}
     for name in chosen.attacks or available:
-        attack, kept = available[name], kept_outcome(chosen.docs, name) if chosen.go_on else None
-        outcome = kept or Outcome(name, attack.SEED if chosen.seed is None else chosen.seed)
-        count = attack.COUNT if chosen.seed is None else attack.PORTION
-        count = attack.SHORT if chosen.short else chosen.count or count
-        outcomes[name] = outcome
+        attack = available[name]
+        outcomes[name] = outcome = Outcome(name, _SEED if chosen.seed is None else chosen.seed)
+        count = attack.count if chosen.seed is None else attack.portion
+        count = attack.short if chosen.short else chosen.count or count
         while outcome.asked < count:
-            _portion(attack, count - outcome.asked, outcome, chosen.docs)
+            _portion(min(attack.portion, count - outcome.asked), outcome, chosen.docs)
         _report(outcome)
     while time.monotonic() < until_s:
         for name, outcome in outcomes.items():
-            _portion(available[name], available[name].PORTION, outcome, chosen.docs)
+            _portion(available[name].portion, outcome, chosen.docs)
             _report(outcome)
     return int(any(outcome.problems for outcome in outcomes.values()))
 
 
-def _portion(attack: Attack, most: int, outcome: Outcome, docs: Path | None) -> None:
+def _portion(count: int, outcome: Outcome, docs: Path | None) -> None:
     with tempfile.TemporaryDirectory(prefix='convseq_torture_') as folder:
-        carry_out(attack, min(most, attack.PORTION), outcome, Path(folder))
+        carry_out(count, outcome, Path(folder))
     if docs:
         outcome.code = sorted({*outcome.code, _commit()})
         keep_outcome(docs, outcome)
@@ -72,12 +73,11 @@ def _report(outcome: Outcome) -> None:
 def _parser(names: list[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='torture', description=__doc__.splitlines()[1])
     parser.add_argument('attacks', nargs='*', metavar='ATTACK', help=f'of {", ".join(names)}')
-    parser.add_argument('--count', type=int, help='tries, instead of the COUNT of each file')
+    parser.add_argument('--count', type=int, help='tries, instead of those of each attack')
     parser.add_argument('--short', action='store_true', help='as few tries as in the tests')
     parser.add_argument('--seed', type=int, help='repeat the portion of this seed')
     parser.add_argument('--hours', type=float, default=0.0, help='repeat for this time')
     parser.add_argument('--docs', type=Path, help='write RELIABILITY.md and its JSON there')
-    parser.add_argument('--go-on', action='store_true', help='add to the results in that JSON')
     return parser
 
 

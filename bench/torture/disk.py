@@ -2,24 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulates a disk that fails at the n-th changing call, with a preloaded C library."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 import ctypes
+from dataclasses import dataclass, field
 from enum import IntEnum
 import functools
-import json
+import itertools
 import mmap
 import os
 from pathlib import Path
+import random
 import shutil
+import struct
 import subprocess
-import sys
 
-from convseq_ros.core.map import autosave
-
-from bench.torture.attack import Try
-
-_NEVER_S = 1e6
+_SECTOR = 512
+_HEAD = struct.Struct('<6q')
 
 
 class How(IntEnum):
@@ -55,8 +54,7 @@ def compiler() -> str | None:
 
 def environment(folder: Path) -> dict[str, str]:
     """Compile the library into a folder; return an environment that preloads it."""
-    library = folder / 'disk.so'
-    source = Path(__file__).with_name('disk.c')
+    library, source = folder / 'disk.so', Path(__file__).with_name('disk.c')
     command = ['cc', '-shared', '-fPIC', '-O1', '-o', str(library), str(source), '-ldl']
     subprocess.run(command, check=True)
     return os.environ | {'LD_PRELOAD': str(library)}
@@ -91,22 +89,97 @@ def recorded(path: Path, number: Acknowledged) -> Iterator[None]:
         os.close(file)
 
 
-def print_tries(make: Callable[[int, int, Path], Iterator[tuple[str, str]]]) -> None:
-    """Make the tries of the command line, and print each as JSON."""
-    count, seed, folder = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
-    autosave._COMMIT_EVERY_S = _NEVER_S  # commit only on request
-    for attempt in make(count, seed, folder):
-        print(json.dumps(attempt), flush=True)
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A call that changed the disk; `data` is bytes or a second name."""
+
+    what: str
+    file: int
+    at: int
+    acknowledged: int
+    name: str
+    data: bytes
 
 
-def tries_of(module: str, count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Run a module as a program on the simulated disk; yield its tries."""
-    command = [sys.executable, '-m', f'bench.torture.{module}', str(count), str(seed), str(folder)]
-    with subprocess.Popen(
-        command, env=environment(folder), stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout
-        for line in process.stdout:
-            yield Try(*json.loads(line))
-    if process.returncode:
-        yield Try('all', f'ended with {process.returncode}')
+def recorded_calls(record: Path) -> Iterator[Call]:
+    """Yield the calls of a record; file numbers that are reused become unique."""
+    data, at, renumbered, fresh = record.read_bytes(), 0, dict[int, int](), itertools.count(-2, -1)
+    while at < len(data):
+        what, file, where, acknowledged, named, size = _HEAD.unpack_from(data, at)
+        at += _HEAD.size
+        name, content = data[at : at + named], data[at + named : at + named + size]
+        at += named + size
+        if chr(what) == 'o':
+            renumbered[file] = next(fresh)
+        number = renumbered.get(file, file)
+        yield Call(chr(what), number, where, acknowledged, name.decode(), content)
+
+
+@dataclass(slots=True)
+class Disk:
+    """The synced content of a disk, and the pending calls."""
+
+    names: dict[str, int]  # folders are -1
+    files: dict[int, bytearray]
+    folders: dict[int, str]
+    late_names: list[Call] = field(default_factory=list)
+    late: dict[int, list[Call]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, folder: Path) -> 'Disk':
+        """Return a disk with the files of a folder."""
+        numbers = {str(one): one.stat().st_ino for one in folder.iterdir()}
+        files = {number: bytearray(Path(name).read_bytes()) for name, number in numbers.items()}
+        return cls(numbers, files, {folder.stat().st_ino: str(folder)})
+
+    def see(self, call: Call) -> None:
+        """Add a call."""
+        if call.what in 'wt':
+            self.late.setdefault(call.file, []).append(call)
+        elif call.what != 's':
+            self.late_names.append(call)
+        elif call.file in self.folders:
+            for one in self.late_names:
+                self._rename(one)
+            self.late_names.clear()
+        else:
+            for one in self.late.pop(call.file, []):
+                self._write(one)
+
+    def cut(self, draw: random.Random) -> None:
+        """Cut the power: apply a random selection of the pending calls."""
+        for one in self.late_names[: draw.randint(0, len(self.late_names))]:
+            self._rename(one)
+        for pending in self.late.values():
+            chance = draw.choice((0.0, 0.5, 0.9, 1.0))
+            for one in pending:
+                self._write(one, draw, chance)
+
+    def restore(self) -> None:
+        """Write the content to the real disk."""
+        for name, file in sorted(self.names.items()):
+            if file == -1:
+                Path(name).mkdir(0o700)  # as in `tempfile`
+            elif Path(name).parent.exists():
+                Path(name).write_bytes(self.files.get(file, b''))
+
+    def _rename(self, call: Call) -> None:
+        if call.what in 'om':
+            self.names[call.name] = call.file if call.what == 'o' else -1
+        elif call.what == 'u':
+            self.names.pop(call.name, None)
+        else:
+            self.names[call.data.decode()] = self.names.pop(call.name)
+
+    def _write(self, call: Call, draw: random.Random | None = None, chance: float = 1.0) -> None:
+        content = self.files.setdefault(call.file, bytearray())
+        if call.what == 't':
+            if not draw or draw.random() < chance:
+                del content[call.at :]
+            return
+        for start in range(0, len(call.data), _SECTOR):
+            if draw and draw.random() >= chance:
+                continue
+            piece, at = call.data[start : start + _SECTOR], call.at + start
+            content.extend(bytes(max(0, at - len(content))))
+            content[at : at + len(piece)] = piece

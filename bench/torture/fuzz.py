@@ -28,15 +28,9 @@ from typing import Any, NoReturn
 
 import cv2
 
-from bench.torture.attack import Try
+from bench.torture.attack import Attack, Try
 from bench.torture.forked import MOST_BYTES, MOST_S
 
-ABOUT = (
-    'Every decoder, fuzzed by Atheris (libFuzzer) from valid samples: pictures, raw and '
-    'compressed images, camera_info, poses, recordings, maps, masks, result tables, truth, YAML'
-)
-ORACLE = 'an answer, or an error of ours in one line; within 5 s, below 1 GB'
-COUNT, PORTION, SHORT, SEED = 20_000, 20_000, 20, 16
 MISSING = '' if find_spec('atheris') else "Atheris is missing; run: pip install '.[torture]'"
 FOUND = Path(tempfile.gettempdir(), 'convseq_fuzz')
 _MOST_INPUT_BYTES = 1 << 20  # libFuzzer's inputs are not longer than the longest sample
@@ -45,7 +39,7 @@ _MOST_ERROR = 2000  # characters of an error
 _LONGEST_S = 600  # of a blocked run, as on a pipe; includes time while the machine is suspended
 
 
-def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
+def _run(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Run a program that fuzzes every decoder `count` times."""
     if MISSING:
         raise SystemExit(f'fuzz: {MISSING}')
@@ -143,6 +137,16 @@ def _be_libfuzzer(decoder: Any, count: int, seed: str, folder: Path, last: mmap.
     finally:
         os._exit(1)
 
+
+ATTACKS = {
+    'fuzz': Attack(
+        'Every decoder, fuzzed by Atheris (libFuzzer) from valid samples: pictures, raw and '
+        'compressed images, camera_info, poses, recordings, maps, masks, result tables, truth, '
+        'YAML',
+        'an answer, or an error of ours in one line; within 5 s, below 1 GB',
+        20_000, 20_000, 20, _run,
+    )
+}  # fmt: skip
 
 if __name__ == '__main__':
     main()

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hostile maps with valid checksums: their declarations, and the actions that they would cause."""
+"""Hostile maps with valid checksums: what they declare, what they hold, what they would cause."""
 
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout, suppress
@@ -17,41 +17,43 @@ from convseq_ros.cli import main as convseq
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
 from convseq_ros.core.map.writer import MapWriter, save_map
 import cv2
-import numpy as np
 
-from bench.torture.attack import Try
+from bench.torture import corpus
+from bench.torture.attack import Attack, Try
 from bench.torture.forked import problem_of
 from bench.torture.maps import APART, drawn, ENCODING
 
-ABOUT = (
-    'A map with triggers, endless views, further tables, indices out of reach, links to places '
-    'that are not there, to later ones or in a circle, values of '
-    'gigabytes, numbers that are none, JSON nested 100,000 deep, a file that is mostly holes, '
-    'pages that lead to each other, a journal that names another file, a log of another map, or '
-    'pipes; `info`, `replay` preloaded and online, and `build-map --append`'
-)
-ORACLE = 'exit 0 or 1, no traceback, within 5 s, below 1 GB, and no other file is touched'
-COUNT, PORTION, SHORT, SEED = 1_000, 100, 25, 16
 _PLACES, _SIZE = 20, ('--image-size-px', '64')
 _ENDLESS = 'WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT'
 _TABLES = 'about', 'sessions', 'places', 'pictures', 'images', 'links', 'depths', 'vectors'
 _OF_A_PLACE = _TABLES[2:5]
-_NUMBERS = 0, -1, 2**31, 10**8, 2**53, 2**62, 2**63 - 1, -(2**63)
-_MASKS = '#0000', '#ffff', '#0', '#' + 'f' * 10**6, '/dev/zero', '', 7
-_OF_SETTINGS = ('[' * 100_000, '{"image_size_px": 1e999}', '{}', '[]', '0', 'null', '')
+_NUMBERS = 0, -1, 2**31, 10**8, 2**53, 2**62, 2**63 - 1, -(2**63), 1.5, -0.0, 1e308, float('inf')
+_SIZES = 0, 1, 255, 256, 257, 10**6  # of a value, in bytes
+_TEXTS = '', 'text', 'x' * 10**6, '[' * 100_000, '{"image_size_px": 1e999}', '{}', '[]', 'null'
+# Values in JSON, in addition to the numbers.
+_IN_JSON = (
+    True, None, 'x', '', [], {}, 10**400, float('nan'), 1e-300, 45, 90, [float('inf')] * 5,
+    [0.0] * 100_000, 'equidistant', '#0000', '#ffff', '#0', '#' + 'f' * 10**6, '/dev/zero',
+    {'position': [0, 0, 1e308], 'orientation': 4 * [0]},
+)  # fmt: skip
+_CAMERA = {
+    'width_px': 64, 'height_px': 48, 'fx_px': 50.0, 'fy_px': 50.0, 'cx_px': 32.0, 'cy_px': 24.0,
+    'distortion_model': 'plumb_bob', 'distortion': [0.0] * 5, 'mount': None,
+}  # fmt: skip
+_ENCODING = {
+    'image_size_px': 64, 'resize': 'exact', 'image_mask': '', 'image_rotation_deg': 0,
+}  # fmt: skip
 
 Change = Callable[[sqlite3.Connection, random.Random], None]
 
 
-def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
+def _run(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Repeatedly make a hostile map, and run a command with it in a fork."""
-    draw, ways = random.Random(seed), list(_WAYS.items())
+    draw, drive = random.Random(seed), folder / 'drive'
     cv2.setNumThreads(1)
-    drive = folder / 'drive'
     drive.mkdir()
     for index in range(3):
-        noise = np.random.default_rng(index).integers(0, 256, (48, 64), np.uint8)
-        cv2.imwrite(str(drive / f'{index}.png'), noise)
+        cv2.imwrite(str(drive / f'{index}.png'), corpus.gray(index))
     with redirect_stdout(StringIO()):  # compile and import once, before the forks
         convseq(['build-map', str(drive), str(folder / 'warm.db'), *_SIZE])
     for number in range(count):
@@ -59,7 +61,7 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
             path, victim = Path(scratch, 'map.db'), Path(scratch, 'victim')
             victim.write_text('of somebody')
             save_map(drawn(_PLACES), path)
-            name, way = ways[number % len(ways)]
+            name, way = draw.choice([*_WAYS.items()])
             way(path, draw)
             command, arguments = draw.choice([*_commands(path, drive).items()])
             problem = problem_of(lambda arguments=arguments: convseq(arguments))
@@ -89,20 +91,33 @@ def _execute(change: Change, path: Path, draw: random.Random) -> None:
     database.close()
 
 
-def _set(table: str, column: str, value: Callable[[random.Random], object]) -> Change:
-    """Return a change of one value of a row, with a valid checksum."""
+def _value(database: sqlite3.Connection, draw: random.Random) -> None:
+    """Give a row of any table an odd value of any kind in any column, with a valid checksum."""
+    rows = {name: database.execute(f'SELECT * FROM {name}').fetchall() for name in _TABLES}
+    table = draw.choice([name for name in _TABLES if rows[name]])
+    key, *others, _ = [row[1] for row in database.execute(f'PRAGMA table_info({table})')]
+    size = draw.choice(_SIZES)
+    numbers, texts = (draw.choice(_NUMBERS), draw.randrange(_PLACES)), (draw.choice(_TEXTS), None)
+    odd = draw.choice((*numbers, *texts, draw.randbytes(size), bytes(size)))
+    with suppress(sqlite3.Error):  # such as a second row with that key
+        change = f'UPDATE {table} SET {draw.choice([key, *others])} = ? WHERE {key} = ?'
+        database.execute(change, (odd, draw.choice(rows[table])[0]))
+        _make_sound(database, table)
 
-    def change(database: sqlite3.Connection, draw: random.Random) -> None:
-        columns = [row[1] for row in database.execute(f'PRAGMA table_info({table})')]
-        key = columns[0]
-        (chosen,) = draw.choice(database.execute(f'SELECT {key} FROM {table}').fetchall())
-        database.execute(f'UPDATE {table} SET {column} = ? WHERE {key} = ?', (value(draw), chosen))
-        _make_sound(database, table, key)
 
-    return change
+def _setting(database: sqlite3.Connection, draw: random.Random) -> None:
+    """Give the camera of a session, or the encoding, an odd value in its JSON."""
+    table, known, column = draw.choice(
+        (('sessions', _CAMERA, 'camera'), ('about', _ENCODING, 'value'))
+    )
+    odd = {draw.choice([*known]): draw.choice((*_NUMBERS, *_IN_JSON))}
+    only = '' if table == 'sessions' else "WHERE name = 'encoding'"
+    database.execute(f'UPDATE {table} SET {column} = ? {only}', (json.dumps(known | odd),))
+    _make_sound(database, table)
 
 
-def _make_sound(database: sqlite3.Connection, table: str, key: str = 'reference_index') -> None:
+def _make_sound(database: sqlite3.Connection, table: str) -> None:
+    key = database.execute(f'PRAGMA table_info({table})').fetchone()[1]
     for row in database.execute(f'SELECT * FROM {table}').fetchall():
         sound = row_crc(row[:-1]), row[0]
         database.execute(f'UPDATE {table} SET crc32 = ? WHERE {key} = ?', sound)
@@ -122,11 +137,10 @@ def _view(database: sqlite3.Connection, draw: random.Random) -> None:
     database.execute(f'CREATE VIEW {table} AS {_ENDLESS} {fakes} FROM c')
 
 
-def _hidden_view(database: sqlite3.Connection, draw: random.Random) -> None:
-    """Make a table a view, or computed, while the text of the schema is that of a valid map."""
-    table = draw.choice(_TABLES)
+def _table_of_another(database: sqlite3.Connection, draw: random.Random) -> None:
+    """Let a table read the pages of another, while the text of the schema is valid."""
+    table, other = draw.choice(_TABLES), draw.choice(_TABLES)
     database.execute('PRAGMA writable_schema = ON')
-    other = draw.choice(_TABLES)
     database.execute(
         'UPDATE sqlite_master SET rootpage = (SELECT rootpage FROM sqlite_master WHERE name = ?) '
         'WHERE name = ?',
@@ -142,24 +156,10 @@ def _index(database: sqlite3.Connection, draw: random.Random) -> None:
         _make_sound(database, table)
 
 
-def _blob(draw: random.Random) -> object:
-    size = draw.choice((0, 1, 255, 256, 257, 10**6))
-    return draw.choice((draw.randbytes(size), bytes(size), 'text', 1.5, -(2**63)))
-
-
 def _huge(database: sqlite3.Connection, draw: random.Random) -> None:
     """Store a huge value, most of which is a hole in the file."""
     table, column = draw.choice((('pictures', 'thumbnail'), ('places', 'pooled')))
     database.execute(f'UPDATE {table} SET {column} = zeroblob(300000000) WHERE rowid = 3')
-
-
-def _link(database: sqlite3.Connection, draw: random.Random) -> None:
-    """Add a link from or to missing places, to itself, to a later place, or in a circle."""
-    column = draw.choice(('place', 'other', 'anchor', 'confidence', 'inliers', 'relative'))
-    numbers = (*_NUMBERS, *range(_PLACES), None, 'text', 1.5)
-    value = _blob if column == 'relative' else lambda draw: draw.choice(numbers)
-    with suppress(sqlite3.Error):  # a second link of a place, or a text as its number
-        _set('links', column, value)(database, draw)
 
 
 def _many_links(database: sqlite3.Connection, draw: random.Random) -> None:
@@ -236,56 +236,14 @@ def _mark_ahead(path: Path) -> None:
     path.write_bytes(data)
 
 
-def _camera(draw: random.Random) -> str:
-    numbers = (0, -1, 1, 320.5, 1e-300, 1e308, 10**400, float('nan'), float('inf'), True, 'x', [])
-    names = 'width_px', 'height_px', 'fx_px', 'fy_px', 'cx_px', 'cy_px'
-    camera: dict[str, object] = {name: draw.choice((64, 48, 50.0)) for name in names}
-    camera[draw.choice(names)] = draw.choice(numbers)
-    if draw.random() < 0.7:
-        camera['distortion_model'] = draw.choice(('plumb_bob', 'equidistant', 'x', '', 7))
-        count = draw.choice((0, 1, 4, 5, 8, 12, 100_000))
-        camera['distortion'] = [draw.choice(numbers[:9]) for _ in range(count)]
-    if draw.random() < 0.3:
-        camera['mount'] = draw.choice(
-            ([], {}, 7, {'position': [0, 0, 1e308], 'orientation': 4 * [0]})
-        )
-    return json.dumps(camera)
-
-
-def _encoding(database: sqlite3.Connection, draw: random.Random) -> None:
-    text = json.dumps(
-        {
-            'image_size_px': draw.choice((0, 16, 64, 64, 2**31)),
-            'resize': 'exact',
-            'image_mask': draw.choice(_MASKS),
-            'image_rotation_deg': draw.choice((0, 0, 90, 45, 1e999)),
-        }
-    )
-    sound = text, row_crc(('encoding', text))
-    database.execute("UPDATE about SET value = ?, crc32 = ? WHERE name = 'encoding'", sound)
-
-
 _CHANGES: dict[str, Change] = {
+    **{f'value {number}': _value for number in range(8)},
+    **{f'setting {number}': _setting for number in range(3)},
     'trigger': _trigger,
     'view': _view,
-    'table of another': _hidden_view,
+    'table of another': _table_of_another,
     'last index': _index,
     'huge value': _huge,
-    'setting': _set('about', 'value', lambda draw: draw.choice(_OF_SETTINGS)),
-    'encoding': _encoding,
-    'camera': _set('sessions', 'camera', lambda draw: draw.choice(_OF_SETTINGS)),
-    'id': _set('sessions', 'id', lambda draw: draw.choice(('x' * 10**6, b'x', ''))),
-    'numbers of a camera': _set('sessions', 'camera', _camera),
-    'session': _set('places', 'session', lambda draw: draw.choice(_NUMBERS)),
-    'stamp': _set('places', 'stamp_ns', lambda draw: draw.choice(_NUMBERS)),
-    'position': _set(
-        'places', 'x', lambda draw: draw.choice((None, float('inf'), 1e308, 'text', -0.0))
-    ),
-    'descriptor': _set('places', 'pooled', _blob),
-    'cells': _set('pictures', 'cells', _blob),
-    'thumbnail': _set('pictures', 'thumbnail', _blob),
-    'image': _set('images', 'jpeg', _blob),
-    'link': _link,
     'links without places': _many_links,
 }
 _WAYS: dict[str, Callable[[Path, random.Random], None]] = {
@@ -297,3 +255,14 @@ _WAYS: dict[str, Callable[[Path, random.Random], None]] = {
     'log of another': _log_of_another,
     'pipe': _pipe,
 }
+ATTACKS = {
+    'hostile_maps': Attack(
+        'A map with triggers, endless views, further tables, indices out of reach, odd values in '
+        'any column, odd settings of cameras and images, values of gigabytes, links without '
+        'places, JSON nested 100,000 deep, a file that is mostly holes, pages that lead to each '
+        'other, a journal that names another file, a log of another map, or pipes; `info`, '
+        '`replay` preloaded and online, and `build-map --append`',
+        'exit 0 or 1, no traceback, within 5 s, below 1 GB, and no other file is touched',
+        1_000, 100, 25, _run,
+    )
+}  # fmt: skip

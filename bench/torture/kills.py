@@ -14,28 +14,17 @@ import time
 from convseq_ros.cli.processes import environment
 from convseq_ros.core.map.reader import open_map
 
+from bench.robot import greet, image, Robot, robot
 from bench.torture import corpus, disk
-from bench.torture.attack import Try
-from bench.torture.robot import greet, image, Robot, robot
+from bench.torture.attack import Attack, Try
 
-ABOUT = (
-    'SIGINT or SIGTERM from .3 to 3 s after the start of `vpr_node`, half of them twice; or while '
-    'frames come, before a start on the same growing map; or SIGTERM or SIGKILL while every sync '
-    'of the disk takes up to 1 s longer, as on a worn card'
-)
-ORACLE = (
-    'exit 0 within 1.5 s of the start, 3 s with frames, 15 s on the slow disk; nothing but lines '
-    'of information; the map opens, and holds what it held before and what was called kept; on '
-    'the slow disk frames are answered within a second'
-)
-COUNT, PORTION, SHORT, SEED = 600, 50, 0, 16
 _ENDS = signal.SIGINT, signal.SIGTERM
 _EARLIEST_S, _LATEST_S, _AT_START_S, _HANGS_S = 0.3, 3.0, 1.5, 20.0
 _WITH_FRAMES_S, _SLOW_S = 3.0, 15.0
 _SLOW_FRAMES, _PERIOD_S, _ANSWER_S, _TOLD_S = 40, 0.1, 1.0, 0.6
 
 
-def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
+def _run(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Start and kill a node repeatedly, mostly before it is ready."""
     draw, held, path = random.Random(seed), 0, folder / 'map.db'
     for number in range(count):
@@ -131,3 +120,16 @@ def _ended(one: Robot, most_s: float, wanted: int = 0) -> str:
         return f'did not end within {most_s:g} s'
     code = one.process.poll()
     return f'exit {code}' if code != wanted else ''
+
+
+ATTACKS = {
+    'map_kills': Attack(
+        'SIGINT or SIGTERM from .3 to 3 s after the start of `vpr_node`, half of them twice; or '
+        'while frames come, before a start on the same growing map; or SIGTERM or SIGKILL while '
+        'every sync of the disk takes up to 1 s longer, as on a worn card',
+        'exit 0 within 1.5 s of the start, 3 s with frames, 15 s on the slow disk; nothing but '
+        'lines of information; the map opens, and holds what it held before and what was called '
+        'kept; on the slow disk frames are answered within a second',
+        600, 50, 0, _run,
+    )
+}  # fmt: skip

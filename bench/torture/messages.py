@@ -1,93 +1,203 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Abnormal messages over DDS, images of large cameras, and stamps that jump."""
+"""Abnormal messages over DDS, services called at 50 Hz, life cycles cut short."""
 
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+import os
 from pathlib import Path
 import random
+from typing import Any
 
+from convseq_ros.core.map.database import MapLock
+from convseq_ros.errors import MapError
 from convseq_ros.sources.images import ENCODINGS
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
+from nav_msgs.srv import LoadMap
 import numpy as np
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import SetBool, Trigger
 
+from bench.robot import greet, image, Robot, robot, unaccounted
 from bench.torture import corpus
-from bench.torture.attack import Try
-from bench.torture.robot import greet, image, Robot, robot, unaccounted
+from bench.torture.attack import Attack, Try
 
-ABOUT = (
-    'Images of 1 x 1 to 8,000 x 6,000 px, in every encoding and in none, of lying sizes, in '
-    'bursts of up to 300; 30 images at once of cameras up to 7,680 x 4,320 px; stamps that jump '
-    'by up to the whole range of ROS; odometry and camera_info of NaN and infinity'
-)
-ORACLE = (
-    'every image is answered, or counted as dropped or, when the next comes, lost; nothing fails; '
-    'below 2 GB; a good image is answered after each burst; 10 s after a burst of large images '
-    'the node holds at most 256 MB and one image more than before'
-)
-COUNT, PORTION, SHORT, SEED = 2_000, 500, 0, 16
 _SIDES = (1, 2, 3, 16, 47, 64, 240, 480, 1_080, 2_160, 6_000, 8_000)
 _CAMERAS = ((480, 640), (1_080, 1_920), (2_160, 3_840), (4_320, 7_680))
-_BURST, _SHARE_OF_CAMERAS = 30, 0.05
-_MOST_PIXELS = 48_000_000
+_BURST, _SHARE_OF_CAMERAS, _MOST_PIXELS = 30, 0.05, 48_000_000
 _MOST_MB, _MOST_LEFT_MB = 2_000, 256 + 100
 _NEXT_S, _PATIENCE_S, _LEFT_S = 10.0, 120.0, 10.0  # until the next image, all answers, the end
-_FLOATS = (0.0, 1.0, -1.0, 1e308, float('inf'), float('-inf'), float('nan'))
+_CALLS, _CALLS_A_FRAME, _CALL_S = 50, 5, 0.02
+_FLOATS = (
+    0.0, 1.0, -1.0, 500.0, 5e-324, 2.2e-308, 1e-300, 1e308, float('inf'), float('-inf'),
+    float('nan'),
+)  # fmt: skip
 _FIRST_NS, _LAST_NS = -(2**31) * 10**9, 2**31 * 10**9 - 1
 _JUMPS_NS = (10**8, 10**8, 10**8, 0, 1, -1, -(10**9) - 1, 10**9, 10**12, -(10**12), 10**18)
+_SERVICES = {
+    'reset': Trigger, 'set_enabled': SetBool, 'save_map': Trigger, 'load_map': LoadMap,
+    'set_parameters': SetParameters, 'get_parameters': GetParameters,
+}  # fmt: skip
 
 
-def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Send bursts, each followed by a valid image."""
-    draw = random.Random(seed)
-    with robot(folder, mode='online', map_path=folder / 'map.db', diagnostics_period_s=0.2) as one:
-        odometry = one.node.create_publisher(Odometry, '/odom', 10)
-        camera_info = one.node.create_publisher(CameraInfo, '/camera_info', 10)
+class Sender:
+    """Sends a node what is drawn; each act returns names of its tries, and the problem."""
+
+    def __init__(self, one: Robot, draw: random.Random, folder: Path) -> None:
+        self.one, self._draw, self._folder = one, draw, folder
+        self._sent, self._stamp_ns, self._before_mb = 0, 10**18, one.resident_mb()
+        self._clients: dict[str, Any] = {}
+        topics = (Odometry, '/odom'), (CameraInfo, '/camera_info'), (Clock, '/clock')
+        self._publishers = {
+            kind: one.node.create_publisher(kind, topic, 10) for kind, topic in topics
+        }
+
+    def images(self) -> tuple[list[str], str]:
+        """Send a burst of odd images; all of them must be accounted for."""
+        is_camera = self._draw.random() < _SHARE_OF_CAMERAS
+        message, burst = (_camera_image if is_camera else _odd_image)(self._draw)
+        self._publishers[Odometry].publish(_odometry(self._draw))
+        self._publishers[CameraInfo].publish(_camera_info(self._draw))
+        for _ in range(burst):
+            self.one.camera.publish(message)
+        self._sent += burst
+        for patience_s in (_NEXT_S, _PATIENCE_S):  # losses are detected with the next image
+            self._send_image()
+            if self.one.wait_for(lambda: unaccounted(self.one, self._sent) <= 0, patience_s):
+                break
+        problem = self._problem()
+        if is_camera and not problem:
+            self.one.spin(_LEFT_S)
+            left_mb = self.one.resident_mb() - self._before_mb
+            problem = f'{left_mb:.0f} MB are left' if left_mb > _MOST_LEFT_MB else ''
+        self._sent -= unaccounted(self.one, self._sent)  # report a problem only once
+        return burst * [f'{message.height} x {message.width} {message.encoding!r}'], problem
+
+    def clock(self) -> tuple[list[str], str]:
+        """Publish an odd time."""
+        message = Clock()
+        message.clock.sec = self._draw.choice((-(2**31), -1, 0, 1, 2**31 - 1))
+        self._publishers[Clock].publish(message)
+        return [f'clock {message.clock.sec}'], self._unanswered()
+
+    def set_clock(self) -> tuple[list[str], str]:
+        """Set `use_sim_time` to another value, which must be refused."""
+        value = Parameter('use_sim_time', value=False).to_parameter_msg()
+        asked = self._call('set_parameters', SetParameters.Request(parameters=[value]))
+        if not self.one.wait_for(asked.done, _PATIENCE_S):
+            return ['set'], 'set_parameters is not answered'
+        was_set = asked.result().results[0].successful
+        return ['set'], 'use_sim_time was set' if was_set else self._unanswered()
+
+    def info(self) -> tuple[list[str], str]:
+        """Publish an odd calibration."""
+        self._publishers[CameraInfo].publish(_camera_info(self._draw))
+        return ['info'], self._unanswered()
+
+    def cut(self) -> tuple[list[str], str]:
+        """Cut the growing map short under the node."""
+        path = self._folder / 'map.db'
+        os.truncate(path, path.stat().st_size // 2)
+        return ['cut'], self._unanswered()
+
+    def calls(self) -> tuple[list[str], str]:
+        """Call services at 50 Hz, and send images at 10 Hz."""
+        names = self._draw.choices([*_SERVICES], k=_CALLS)
+        asked = list[Any]()
+        for number, name in enumerate(names):
+            if number % _CALLS_A_FRAME == 0:
+                self._send_image()
+            asked.append(self._call(name, _request(name, self._draw, self._folder)))
+            self.one.spin(_CALL_S)
+        asked.append(self._call('set_enabled', SetBool.Request(data=True)))
+        self.one.wait_for(lambda: all(future.done() for future in asked), _PATIENCE_S)
+        late = [name for name, future in zip(names, asked, strict=False) if not future.done()]
+        return names, f'{late[0]} is not answered' if late else self._unanswered()
+
+    def _call(self, name: str, request: Any) -> Any:
+        if name not in self._clients:
+            client = self.one.node.create_client(_SERVICES[name], f'/vpr_node/{name}')
+            self.one.wait_for(client.service_is_ready, _PATIENCE_S)
+            self.one.spin(1.0)  # DDS discovery is not symmetric: the first answers may be lost
+            self._clients[name] = client
+        return self._clients[name].call_async(request)
+
+    def _send_image(self) -> None:
+        """Send a good image, whose stamp may have jumped."""
+        odd = (_FIRST_NS, -1, 0, 1, _LAST_NS, self._draw.randrange(_LAST_NS))
+        next_ns = self._stamp_ns + self._draw.choice(_JUMPS_NS)
+        next_ns = self._draw.choice(odd) if self._draw.random() < 0.05 else next_ns
+        self._stamp_ns = min(max(next_ns, _FIRST_NS), _LAST_NS)
+        self.one.camera.publish(image(corpus.gray(self._sent % 50), self._stamp_ns))
+        self._sent += 1
+
+    def _unanswered(self) -> str:
+        """Send a good image; return a problem if it is not answered."""
+        before = self.one.answers
+        self._send_image()
+        if self.one.wait_for(lambda: self.one.answers > before, _PATIENCE_S):
+            return ''
+        return self._ended() or 'the next image is not answered'
+
+    def _ended(self) -> str:
+        code = self.one.process.poll()
+        return '' if code is None else f'the node ended with {code}'
+
+    def _problem(self) -> str:
+        if ended := self._ended():
+            return ended
+        if (lost := unaccounted(self.one, self._sent)) > 0:
+            return f'{lost} of {self._sent} images are unaccounted for: {self.one.diagnostics}'
+        if self.one.count('failed'):
+            return f'{self.one.count("failed")} frames failed'
+        most_mb = self.one.resident_mb('VmHWM')
+        return f'took {most_mb:.0f} MB' if most_mb > _MOST_MB else ''
+
+
+Act = Callable[[Sender], tuple[list[str], str]]
+
+
+def _run(
+    acts: Sequence[Act], parameters: dict[str, Any], count: int, seed: int, folder: Path
+) -> Iterator[Try]:
+    """Do one act after the other with a node."""
+    draw, tried = random.Random(seed), 0
+    files = {'map_path': folder / 'map.db', 'save_map_path': folder / 'copy.db'}
+    with robot(folder, mode='online', diagnostics_period_s=0.2, **files, **parameters) as one:
+        sender = Sender(one, draw, folder)
         greet(one)
-        sent, tried, stamp_ns, before_mb = 0, 0, 10**18, one.resident_mb()
-        while tried < count:
-            is_camera = draw.random() < _SHARE_OF_CAMERAS
-            message, burst = _camera_image(draw) if is_camera else _odd_image(draw)
-            odometry.publish(_odometry(draw))
-            camera_info.publish(_camera_info(draw))
-            for _ in range(burst):
-                one.camera.publish(message)
-            sent, tried = sent + burst, tried + burst
-            for patience_s in (_NEXT_S, _PATIENCE_S):  # losses are detected with the next image
-                stamp_ns = _jump(stamp_ns, draw)
-                one.camera.publish(image(corpus.gray(tried % 50), stamp_ns))
-                sent += 1
-                if one.wait_for(lambda sent=sent: unaccounted(one, sent) <= 0, patience_s):
-                    break
-            problem = _problem(one, sent)
-            if is_camera and not problem:
-                one.spin(_LEFT_S)
-                left_mb = one.resident_mb() - before_mb
-                problem = f'{left_mb:.0f} MB are left' if left_mb > _MOST_LEFT_MB else ''
-            name = f'{tried}: {burst} of {message.height} x {message.width} {message.encoding!r}'
-            yield from (Try(name) for _ in range(burst - 1))
-            yield Try(name, problem)
-            if one.process.poll() is not None:
-                return
-            sent -= unaccounted(one, sent)  # report a problem only once
+        while tried < count and one.process.poll() is None:
+            names, problem = draw.choice(acts)(sender)
+            yield from (Try(f'{tried}: {name}') for name in names[:-1])
+            yield Try(f'{tried}: {len(names)} of {names[-1]}', problem)
+            tried += len(names)
 
 
-def _problem(one: Robot, sent: int) -> str:
-    if one.process.poll() is not None:
-        return f'the node ended with {one.process.returncode}'
-    if unaccounted(one, sent) > 0:
-        return f'{unaccounted(one, sent)} of {sent} images are unaccounted for: {one.diagnostics}'
-    if one.count('failed'):
-        return f'{one.count("failed")} frames failed'
-    most_mb = one.resident_mb('VmHWM')
-    return f'took {most_mb:.0f} MB' if most_mb > _MOST_MB else ''
-
-
-def _jump(stamp_ns: int, draw: random.Random) -> int:
-    if draw.random() < 0.05:
-        return draw.choice((_FIRST_NS, -1, 0, 1, _LAST_NS, draw.randrange(_LAST_NS)))
-    return min(max(stamp_ns + draw.choice(_JUMPS_NS), _FIRST_NS), _LAST_NS)
+def _cleaned_up(count: int, _seed: int, folder: Path) -> Iterator[Try]:
+    """Clean a managed node up right after it is configured."""
+    path = folder / 'map.db'
+    with robot(folder, waits=False, mode='online', map_path=path, lifecycle=True) as one:
+        client = one.node.create_client(ChangeState, '/vpr_node/change_state')
+        one.wait_for(client.service_is_ready, _PATIENCE_S)
+        one.spin(1.0)
+        for number in range(count):
+            problem = ''
+            for step in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP):
+                asked = client.call_async(ChangeState.Request(transition=Transition(id=step)))
+                if not one.wait_for(asked.done, _PATIENCE_S) or not asked.result().success:
+                    problem = f'transition {step} failed'
+            try:
+                with MapLock(path):
+                    pass
+            except MapError as error:
+                problem = problem or str(error)
+            yield Try(f'{number}: cleanup', problem)
 
 
 def _camera_image(draw: random.Random) -> tuple[Image, int]:
@@ -134,3 +244,48 @@ def _camera_info(draw: random.Random) -> CameraInfo:
     message.binning_x = draw.choice((0, 1, 2**32 - 1))
     message.roi.width = message.roi.height = draw.choice((0, 1, 2**32 - 1))
     return message
+
+
+def _request(name: str, draw: random.Random, folder: Path) -> object:
+    if name == 'set_enabled':
+        return SetBool.Request(data=draw.random() < 0.7)
+    if name == 'load_map':
+        urls = ('', '/none.db', '/dev/zero', str(folder / 'copy.db'), '\0', 'x' * 5_000)
+        return LoadMap.Request(map_url=draw.choice(urls))
+    if name == 'get_parameters':
+        return GetParameters.Request(names=['min_confidence', 'none', ''])
+    if name == 'set_parameters':
+        values = (1.5, -1.0, 1e308, float('nan'), 'much', [1, 2], True)
+        parameter = Parameter('min_confidence', value=draw.choice(values))
+        return SetParameters.Request(parameters=[parameter.to_parameter_msg()])
+    return Trigger.Request()
+
+
+_ODD = Sender.clock, Sender.set_clock, Sender.info, Sender.cut
+ATTACKS = {
+    'images': Attack(
+        'Images of 1 x 1 to 8,000 x 6,000 px, in every encoding and in none, of lying sizes, in '
+        'bursts of up to 300; 30 images at once of cameras up to 7,680 x 4,320 px; stamps that '
+        'jump by up to the whole range of ROS; odometry and camera_info of NaN and infinity',
+        'every image is answered, or counted as dropped or, when the next comes, lost; nothing '
+        'fails; below 2 GB; a good image is answered after each burst; 10 s after a burst of '
+        'large images the node holds at most 256 MB and one image more than before',
+        2_000, 500, 0, partial(_run, [Sender.images], {}),
+    ),
+    'node_messages': Attack(
+        '`/clock` below zero, `use_sim_time` set at run time, `camera_info` of the smallest '
+        'numbers there are; the growing map is cut short',
+        'the node lives, and answers the next image',
+        60, 20, 0, partial(_run, _ODD, {'use_sim_time': True}),
+    ),
+    'services': Attack(
+        '`~/reset`, `~/set_enabled`, `~/save_map`, `~/load_map` and parameters, called at 50 Hz',
+        'every call is answered; the node lives, and answers frames afterwards',
+        1_200, 200, 0, partial(_run, [Sender.calls], {'image_size_px': 256}),
+    ),
+    'cleanup': Attack(
+        'A managed node is cleaned up right after it is configured',
+        'both succeed, and nobody holds the map',
+        30, 10, 0, _cleaned_up,
+    ),
+}  # fmt: skip

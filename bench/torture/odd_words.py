@@ -12,19 +12,8 @@ import sys
 import cv2
 
 from bench.torture import corpus
-from bench.torture.attack import Try
+from bench.torture.attack import Attack, Try
 
-ABOUT = (
-    'Words that are not UTF-8, have two lines, spaces or 3,000 letters, or name no topic, as '
-    'files, topics and names of commands, and as parameters and remaps of `vpr_node`; standard '
-    'streams that are closed, full or left by their reader; files that cannot grow, as on a full '
-    'disk'
-)
-ORACLE = (
-    'exit 0 with all that was asked for, or one line, exit 1, or 2 for wrong usage; no traceback; '
-    'what cannot be written is named'
-)
-COUNT, PORTION, SHORT, SEED = 200, 50, 8, 16
 _MOST_S = 120.0
 _WORDS = (
     b'caf\xe9', b'two\nlines', b"it's", b'a b', b'/a//b', b'd epth', b'1a', b'{', b'~', b'',
@@ -47,7 +36,7 @@ _CONVSEQ = sys.executable, '-m', 'convseq_ros.cli'
 _NODE = sys.executable, '-m', 'convseq_ros.node', '--ros-args'
 
 
-def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
+def _run(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Run commands, each in a new folder, and see how they end."""
     draw = random.Random(seed)
     (folder / 'drive').mkdir()
@@ -99,3 +88,16 @@ def _problem(command: list[str | bytes], stream: str, folder: Path) -> str:
     if is_limited and 'File too large' in told and 'File too large' == lines[-1].split(': ')[1]:
         return f'the file is not named: {told}'
     return ''
+
+
+ATTACKS = {
+    'odd_words': Attack(
+        'Words that are not UTF-8, have two lines, spaces or 3,000 letters, or name no topic, as '
+        'files, topics and names of commands, and as parameters and remaps of `vpr_node`; '
+        'standard streams that are closed, full or left by their reader; files that cannot grow, '
+        'as on a full disk',
+        'exit 0 with all that was asked for, or one line, exit 1, or 2 for wrong usage; no '
+        'traceback; what cannot be written is named',
+        200, 50, 8, _run,
+    )
+}  # fmt: skip

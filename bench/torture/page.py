@@ -3,7 +3,7 @@
 """Writes docs/RELIABILITY.md from the results of the attacks."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict
 import json
 import os
 from pathlib import Path
@@ -18,7 +18,7 @@ _MOST_PROBLEMS = 5
 _HEAD = """# Reliability
 
 What was tried to break convseq_ros, and did it hold? `make torture` writes this page, and
-`reliability.json` with seeds and commits. An attack is a file of
+`reliability.json` with seeds and commits. An attack stands in
 [bench/torture](../bench/torture); `python -m bench.torture NAME --seed N` makes a portion again,
 and `make torture HOURS=24` goes on for a night.
 
@@ -41,12 +41,6 @@ _SOAKS = {
     'soak_preloaded_10_hz': '--mode preloaded --rate 10 --minutes 100',
     'soak_online_fast': '--mode online --frames 288000',
 }
-
-
-def kept_outcome(docs: Path, name: str) -> Outcome | None:
-    """Return the stored outcome of an attack, or None."""
-    stored, names = _read(docs)['outcomes'].get(name), {item.name for item in fields(Outcome)}
-    return Outcome(**{key: stored[key] for key in stored if key in names}) if stored else None
 
 
 def keep_outcome(docs: Path, outcome: Outcome) -> None:
@@ -85,7 +79,7 @@ def _page(kept: Mapping[str, Any]) -> str:
     outcomes: dict[str, Any] = kept['outcomes']
     lines = [_HEAD.strip()]
     for name, attack in attacks().items():
-        row = f'| `{name}` | {attack.ABOUT} | {attack.ORACLE} |'
+        row = f'| `{name}` | {attack.about} | {attack.oracle} |'
         if not (one := outcomes.get(name)):
             lines.append(f'{row} *not run* |')
             continue

@@ -20,7 +20,7 @@ from bench.parts.frames import STAGES
 from bench.torture import forked, fuzz
 from bench.torture.attack import attacks
 from bench.torture.disk import compiler
-from bench.torture.map_writes import SCENARIOS
+from bench.torture.disk_attacks import SCENARIOS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 CHEAP = 'hostile_maps', 'log_damage', 'map_damage', 'recording_damage'
@@ -35,7 +35,7 @@ def test_files_survive_a_short_part_of_the_torture(name):
     pytest.importorskip('rosbags', reason='the attacks need rosbags: pip install rosbags')
     command = [sys.executable, '-m', 'bench.torture', name, '--short']
     done = run(*command, cwd=REPOSITORY)
-    count = attacks()[name].SHORT
+    count = attacks()[name].short
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.startswith(f'{name}: {count} of {count} in '), done.stdout + done.stderr
 
@@ -43,13 +43,12 @@ def test_files_survive_a_short_part_of_the_torture(name):
 LIES = """
 import sys
 from pathlib import Path
-from bench.torture import disk, map_writes
+from bench.torture import attack, disk_attacks
 from convseq_ros.core.map.autosave import Autosave
 # A program that says at once that all is safe.
 Autosave.flush = lambda self: setattr(self, 'committed', len(self.reference_map))
-map_writes.SCENARIOS = {'grow': map_writes.SCENARIOS['grow']}
-sys.argv[1:] = ['6', '0', sys.argv[1]]
-disk.print_tries(map_writes.tries)
+disk_attacks.SCENARIOS = {'grow': disk_attacks.SCENARIOS['grow']}
+attack.print_tries('map_writes', '6', '0', sys.argv[1])
 """
 
 
