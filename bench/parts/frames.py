@@ -60,7 +60,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
         (OdometryPrior, 'move'),
         (Belief, 'predict'),
         (Belief, 'likeliest'),
-        (OdometryPrior, 'shares'),
+        (OdometryPrior, 'entry_prior'),
         (Belief, 'update'),
     ),
     'report': ((BeliefDecider, '_answer'), (PlaceRecognizer, '_complete')),

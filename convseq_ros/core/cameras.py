@@ -13,7 +13,7 @@ from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.online import FollowedMap, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.retrieval.coarse_scores import Coarse
+from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.rigid import of_roll_pitch_yaw
 from convseq_ros.core.types import Frame, Localization, LocalizationState, Match
 import numpy as np
@@ -35,7 +35,7 @@ class Cameras:
         reference_map: ReferenceMap,
         config: Config,
         sources: Sequence[str] = (),
-        coarse: Callable[[], Coarse | None] = lambda: None,
+        coarse: Callable[[], AllPlaces | None] = lambda: None,
         describe: Describe | None = None,
     ) -> None:
         """Make a recogniser for each source; `coarse` makes the coarse scores of each."""

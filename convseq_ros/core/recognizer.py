@@ -21,7 +21,7 @@ from convseq_ros.core.map.online import mapping_of, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.estimate import with_shift_and_yaw
 from convseq_ros.core.pose.relative_pose import RelativePoses
-from convseq_ros.core.retrieval.coarse_scores import Coarse, CoarseScores
+from convseq_ros.core.retrieval.coarse_scores import AllPlaces, CoarseScores
 from convseq_ros.core.similarity.matcher import Features, make_matcher, Matcher
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Anchor, Descriptor, Frame, Match, Reason
@@ -37,7 +37,7 @@ class PlaceRecognizer:
         The places to recognise; it decides how frames are encoded. In online mode it grows.
     config : Config
         Its `sequence`, `acceptance` and `robot` may be replaced between two frames.
-    matcher, coarse : Matcher, Coarse, optional
+    matcher, coarse : Matcher, AllPlaces, optional
         They compute pair scores and coarse scores; by default as `config.matching` selects.
     describe : Describe, optional
         The descriptor model of the map, from an image to a vector; none for the built-in one.
@@ -60,7 +60,7 @@ class PlaceRecognizer:
         reference_map: ReferenceMap,
         config: Config = Config(),
         matcher: Matcher | None = None,
-        coarse: Coarse | None = None,
+        coarse: AllPlaces | None = None,
         describe: Describe | None = None,
         *,
         mapping: PreloadedMap | None = None,
@@ -80,7 +80,7 @@ class PlaceRecognizer:
         self.matcher = matcher or make_matcher(reference_map, config)
         self.buffer = QueryBuffer(self.matcher, reference_map.bounds)
         if config.matching.search == 'exhaustive':
-            coarse = Coarse()
+            coarse = AllPlaces()
         coarse = coarse or CoarseScores(reference_map, config.matching.both_directions)
         parts = reference_map, coarse, config
         self.decider: Decider = BeliefDecider(*parts) if config.believes else PaperDecider(*parts)

@@ -14,7 +14,7 @@ from typing import Any
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.brightness import brightness
-from convseq_ros.core.encoding.descriptor import blank_descriptor, describe, seen_cells
+from convseq_ros.core.encoding.descriptor import blank_descriptor, describe, visible_cells
 from convseq_ros.core.encoding.first_stage import FirstStage, identity_of
 from convseq_ros.core.encoding.keypoints import detect
 from convseq_ros.core.encoding.view import upright
@@ -126,7 +126,7 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
         blank = replace(blank, vector=np.zeros(model.numbers, np.float16))
     first_stage = FirstStage(model, encoding)
     kept = KeyframeConfig()
-    seen = seen_cells(encoding.image_mask, blank.cells.shape[0])
+    visible = visible_cells(encoding.image_mask, blank.cells.shape[0])
     stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
     thumbnails: list[bytes] = []
     for raw in images:
@@ -137,7 +137,7 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
         else:
             descriptor = first_stage.add(frame, describe(frame.gray, encoding))
             durations.append((time.perf_counter() - started) * 1e3)
-            corners = detect(frame.gray, seen, kept.keypoints)
+            corners = detect(frame.gray, visible, kept.keypoints)
             light = brightness(frame.gray)
             descriptors.append(replace(descriptor, keypoints=corners, brightness=light))
         gray = frame.gray

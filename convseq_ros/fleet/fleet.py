@@ -21,7 +21,7 @@ from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.retrieval.coarse_scores import Coarse
+from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.retrieval.whitening import DriveMean, Statistics, statistics_of
 from convseq_ros.core.types import Descriptor, Floats, Indices
 from convseq_ros.errors import FleetError
@@ -29,7 +29,7 @@ from convseq_ros.fleet.shard import About, Answer, Call, Holder, KEPT, merged, Q
 import numpy as np
 
 
-class FleetScores(Coarse):
+class FleetScores(AllPlaces):
     """Coarse scores of one camera, by its number, from all shards."""
 
     def __init__(
@@ -50,7 +50,7 @@ class FleetScores(Coarse):
         self._frame += 1
 
     def best(self, by_track: int, by_frame: int, excluded: Sequence[range] = ()) -> Indices:
-        """Return the best places as `Coarse.best`; if a shard lacks frames, they are sent."""
+        """Return the best places as `AllPlaces.best`; if a shard lacks frames, they are sent."""
         drive, last = (self._camera, self._drive, self._frame), [self._directions[-1]]
         question = Question(self._usual, self._both, *drive, last, by_track, by_frame, excluded)
         answer = self._ask(question)

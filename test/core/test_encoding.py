@@ -14,7 +14,7 @@ from convseq_ros.core.encoding.descriptor import (
     describe,
     local_entropy,
     salient_regions,
-    seen_cells,
+    visible_cells,
 )
 from convseq_ros.core.encoding.view import upright, with_mask_read
 from convseq_ros.core.types import Camera, Frame
@@ -202,7 +202,7 @@ def test_what_is_hidden_changes_nothing_of_a_descriptor(image, mask):
     encoding = with_mask_read(EncodingConfig(image_mask=mask))
     one, other = (describe(bonnet(image(3), seed), encoding) for seed in (1, 2))
     assert np.array_equal(one.cells, other.cells)
-    seen = seen_cells(encoding.image_mask, 32)
+    seen = visible_cells(encoding.image_mask, 32)
     assert seen[:15].all() and not seen[15:].any()  # 2 px below the 16th row of cells are hidden
     assert not one.cells[15:].any() and one.cells[:15].any(axis=-1).all()
     salient = one.salient.reshape(31, 31)

@@ -5,7 +5,7 @@
 from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.geometry import numpy_kernels
-from convseq_ros.core.geometry.displacement import arranged
+from convseq_ros.core.geometry.displacement import packed_regions
 from convseq_ros.core.geometry.structure import Structure
 from convseq_ros.core.geometry.verification import MOTION, NOTHING, Verification
 from convseq_ros.core.geometry.verification import verify as verify_all
@@ -33,7 +33,7 @@ def view(numbers, row=15.0, column=15.0, zoom=1.0, side=SIDE):
     seen = cv2.warpAffine(
         numbers, matrix, (side, side), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     )
-    return arranged(unit(seen.reshape(side * side, -1)))
+    return packed_regions(unit(seen.reshape(side * side, -1)))
 
 
 def verify(query, reference, shift) -> Verification:
@@ -151,7 +151,7 @@ def test_the_same_scene_is_verified_and_another_is_not():
 
 @pytest.mark.parametrize('value', [0.0, np.nan, np.inf])
 def test_what_shows_nothing_verifies_nothing(value):
-    nothing = arranged(np.full((SIDE**2, 32), value, np.float32))
+    nothing = packed_regions(np.full((SIDE**2, 32), value, np.float32))
     for pair in ((nothing, nothing), (view(scene(1)), nothing), (nothing, view(scene(1)))):
         with np.errstate(invalid='ignore'):
             assert verify(*pair, (0.0, 0.0)) == NOTHING

@@ -136,7 +136,7 @@ class Approximate:
 
     def extract(self, _descriptor):
         """Return what stands for the features of a frame: its number."""
-        return SimpleNamespace(frame=next(self._frames), arranged=None)
+        return SimpleNamespace(frame=next(self._frames), packed=None)
 
     def scores_of(self, asked):
         return [self._approximate[query.frame, indices] for query, indices in asked]

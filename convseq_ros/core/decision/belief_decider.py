@@ -4,7 +4,7 @@
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.belief import Belief, MotionModel
-from convseq_ros.core.decision.decider import Answer, apart, candidate, Query
+from convseq_ros.core.decision.decider import Answer, candidate, distinct_peaks, Query
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import strength_of
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
@@ -15,7 +15,7 @@ from convseq_ros.core.decision.paper.diagonals import diagonal
 from convseq_ros.core.decision.paper.query_buffer import BUFFER
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.retrieval.coarse_scores import Coarse
+from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.types import Candidate, Candidates, Flags, Reason
 import numpy as np
 
@@ -30,7 +30,7 @@ class BeliefDecider:
     A place is a match if it holds at least `min_confidence` of the mass.
     """
 
-    def __init__(self, reference_map: ReferenceMap, coarse: Coarse, config: Config) -> None:
+    def __init__(self, reference_map: ReferenceMap, coarse: AllPlaces, config: Config) -> None:
         matching, robot = config.matching, config.robot
         both, error = matching.both_directions, robot.odometry_way_error
         self._map, self._coarse, self._near = reference_map, coarse, Neighbourhood(reference_map)
@@ -54,7 +54,7 @@ class BeliefDecider:
     def share(self, other: object) -> None:
         """Share the odometry prior with the decider of another camera of the robot."""
         if isinstance(other, BeliefDecider):
-            self._prior.share(other._prior)
+            self._prior.use_matches_of(other._prior)
 
     def decide(self, query: Query) -> Answer:
         """Return the likeliest places; the confidence is the mass of the first."""
@@ -69,57 +69,59 @@ class BeliefDecider:
         belief.motion.move(pose, query.missing, query.buffer.novelty)
         self._prior.move(frame.stamp_ns, pose)
         belief.predict(query.usable)
-        seen = self._observer.observe(query, belief)
-        entry = self._prior.shares(seen.places, query.session_start)
-        belief.update(seen.places, seen.log_ratios, entry, query.usable, query.session_start)
-        return self._answer(query, seen)
+        observed = self._observer.observe(query, belief)
+        entry = self._prior.entry_prior(observed.places, query.session_start)
+        belief.update(
+            observed.places, observed.log_ratios, entry, query.usable, query.session_start
+        )
+        return self._answer(query, observed)
 
-    def _answer(self, query: Query, seen: Observation) -> Answer:
+    def _answer(self, query: Query, observed: Observation) -> Answer:
         belief, config = self._belief, query.config.acceptance
         length = query.length or len(query.buffer)
         if not len(belief.places):
             return Answer(Reason.WEAK, (), length, 0.0)
         best = int(belief.places[belief.mass.argmax()])
         is_same = self._near.mask(belief.places, best, _WINDOW)
-        confidence, excess_m = min(1.0, float(belief.mass[is_same].sum())), None
+        confidence, implausible_m = min(1.0, float(belief.mass[is_same].sum())), None
         is_sure = confidence >= config.min_confidence
         if is_sure and not self._prior.is_denied(best, query.session_start):
-            reason, best = Reason.ACCEPTED, self._best_look(best, seen)
-            self._learn(best, seen)
-        elif (excess_m := self._prior.excess_m(best, query.session_start)) is not None:
+            reason, best = Reason.ACCEPTED, self._best_look(best, observed)
+            self._learn(best, observed)
+        elif (implausible_m := self._prior.implausible_m(best, query.session_start)) is not None:
             reason = Reason.IMPLAUSIBLE
-        elif not seen.has_rivals:
+        elif not observed.has_rivals:
             reason = Reason.TOO_FEW_RIVALS
         else:
             others = 1 - belief.elsewhere - confidence
             reason = Reason.AMBIGUOUS if others > belief.elsewhere else Reason.WEAK
-        candidates = self._candidates(best, seen, query)
-        return Answer(reason, candidates, length, confidence, excess_m)
+        candidates = self._candidates(best, observed, query)
+        return Answer(reason, candidates, length, confidence, implausible_m)
 
-    def _best_look(self, best: int, seen: Observation) -> int:
+    def _best_look(self, best: int, observed: Observation) -> int:
         """Return the strongest look of a place for the newest frame, or the place beside it."""
-        looks = self._strengths(best, seen)
+        looks = self._strengths(best, observed)
         strongest = max(looks, key=lambda look: looks[look], default=best)
         if strongest not in self._map.bounds.around(best, _WINDOW):
             return strongest
         beside = [look for look in looks if look in self._map.bounds.around(best, 1)]
         return max(beside, key=lambda look: looks[look], default=best)
 
-    def _learn(self, best: int, seen: Observation) -> None:
+    def _learn(self, best: int, observed: Observation) -> None:
         """Update the odometry prior and the likelihood after a match."""
         self._prior.fix(best)
         self._observer.end_search()
-        near = self._near.mask(seen.places, best, _WINDOW)
-        is_shown = bool((seen.log_ratios[near] > 0).any())
+        near = self._near.mask(observed.places, best, _WINDOW)
+        is_shown = bool((observed.log_ratios[near] > 0).any())
         self._observer.likelihood.confirm(is_shown)
 
-    def _strengths(self, best: int, seen: Observation) -> dict[int, float]:
-        """Return the verification scores of a place and of its looks, as far as verified."""
-        verified = np.array([*seen.verified], np.int64)
+    def _strengths(self, best: int, observed: Observation) -> dict[int, float]:
+        """Return the verification scores of a place and of its looks that were verified."""
+        verified = np.array([*observed.verified], np.int64)
         looks = verified[self._near.mask(verified, best, _WINDOW)].tolist()
-        return {look: strength_of(seen.verified[look]) for look in looks}
+        return {look: strength_of(observed.verified[look]) for look in looks}
 
-    def _candidates(self, best: int, seen: Observation, query: Query) -> Candidates:
+    def _candidates(self, best: int, observed: Observation, query: Query) -> Candidates:
         """Return the modes of the belief, best first, no two of them near each other."""
         config, places = query.config.acceptance, self._belief.places
 
@@ -127,13 +129,15 @@ class BeliefDecider:
             return self._map.bounds.near(places, place, config.rival_distance)
 
         left = np.where(near(best), -np.inf, self._belief.mass)
-        others = apart(left, config.num_candidates - 1, lambda at: near(int(places[at])))
+        others = distinct_peaks(left, config.num_candidates - 1, lambda at: near(int(places[at])))
         modes = best, *places[others].tolist()
-        return tuple(self._candidate(mode, seen, query) for mode in modes)
+        return tuple(self._candidate(mode, observed, query) for mode in modes)
 
-    def _candidate(self, index: int, seen: Observation, query: Query) -> Candidate:
+    def _candidate(self, index: int, observed: Observation, query: Query) -> Candidate:
         near = self._map.bounds.around(index, 1)
-        inliers = [seen.verified[at].inliers for at in (index, *near) if at in seen.verified]
+        inliers = [
+            observed.verified[at].inliers for at in (index, *near) if at in observed.verified
+        ]
         score = self._score(index, query)
         return candidate(self._map.places, index, score, inliers[0] if inliers else None)
 

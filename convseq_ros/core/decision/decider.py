@@ -62,7 +62,7 @@ class Decider(Protocol):
         """Share the odometry prior with the decider of another camera of the robot."""
 
 
-def apart(scores: Doubles, count: int, near: Callable[[int], Flags]) -> list[int]:
+def distinct_peaks(scores: Doubles, count: int, near: Callable[[int], Flags]) -> list[int]:
     """Return positions of the `count` best finite scores (n,), none `near` (n,) a better one."""
     left, peaks = np.isfinite(scores), list[int]()
     while len(peaks) < count and left.any():

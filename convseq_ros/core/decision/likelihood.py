@@ -168,7 +168,7 @@ class Likelihood:
         """The log ratio of places that were not verified."""
         return math.log(1 - self.cells_work)
 
-    def log_ratios(self, seen: Evidence) -> Doubles:
+    def log_ratios(self, evidence: Evidence) -> Doubles:
         """
         Return the logarithms (n,) of the likelihood ratios of verified places.
 
@@ -182,9 +182,12 @@ class Likelihood:
         along in a share of copies; for all other places q is 1. a is the share of frames elsewhere
         that look like the best place in every respect, so no frame decides alone.
         """
-        works, gain = self.cells_work, gain_of(seen.follows, seen.chance, seen.affirmed)
-        spoken = math.log(works) + seen.cells + gain * seen.is_strongest
-        total = np.logaddexp(spoken, math.log(1 - works)) + seen.keypoints
+        works, gain = (
+            self.cells_work,
+            gain_of(evidence.follows, evidence.chance, evidence.affirmed),
+        )
+        spoken = math.log(works) + evidence.cells + gain * evidence.is_strongest
+        total = np.logaddexp(spoken, math.log(1 - works)) + evidence.keypoints
         bound = np.logaddexp(0.0, total.max() + math.log(COPIES.all))
         return np.asarray(np.minimum(total, np.maximum(total - bound, 0.0)))
 

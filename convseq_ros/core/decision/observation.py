@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import math
 
 from convseq_ros.core.decision.belief import Belief
-from convseq_ros.core.decision.decider import apart, Query
+from convseq_ros.core.decision.decider import distinct_peaks, Query
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import (
     Asked,
@@ -28,7 +28,7 @@ from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import LINKS
-from convseq_ros.core.retrieval.coarse_scores import Coarse
+from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.types import constants, Doubles, Indices, Row
 import numpy as np
 
@@ -73,7 +73,7 @@ class Observer:
     """Compares the frames of one camera's drive with the map."""
 
     def __init__(
-        self, coarse: Coarse, near: Neighbourhood, witness: KeypointWitness, listed: int
+        self, coarse: AllPlaces, near: Neighbourhood, witness: KeypointWitness, listed: int
     ) -> None:
         self._coarse, self._near, self._listed = coarse, near, listed
         self._witness = witness
@@ -122,10 +122,10 @@ class Observer:
             more = self._peaks(away, scores[np.searchsorted(places, away)], OBSERVED.peaks - 1)
             verified |= buffer.verified(more)
             peaks += more
-        seen = self._judged(query, belief, places, scores, verified, peaks)
+        observed = self._judged(query, belief, places, scores, verified, peaks)
         # An image that shows nothing new is no new evidence for a place.
-        log_ratios = np.where(seen.log_ratios > 0, buffer.novelty, 1.0) * seen.log_ratios
-        return self._with(replace(seen, log_ratios=log_ratios), believed)
+        log_ratios = np.where(observed.log_ratios > 0, buffer.novelty, 1.0) * observed.log_ratios
+        return self._with(replace(observed, log_ratios=log_ratios), believed)
 
     def _promising(self, buffer: QueryBuffer, places: Indices, most: int) -> Indices:
         """Return the `most` best places by rough scores, with at least 8 controls among them."""
@@ -226,37 +226,37 @@ class Observer:
                 chosen.append(place)
         # Nothing is detected in a frame that cannot be compared.
         chosen = [place for place in chosen if self._witness.knows(place)]
-        if not chosen or newest.features is None or newest.features.arranged is None:
+        if not chosen or newest.features is None or newest.features.packed is None:
             return {}
         keypoints = self._witness.keypoints(query.frame, newest.descriptor)
         if keypoints is None:
             return {}
-        side, motion = newest.features.arranged.side, query.buffer.motion
+        side, motion = newest.features.packed.side, query.buffer.motion
         blocks = {
             place: self._witness.blocks(keypoints, place, motion(place), side) for place in chosen
         }
         current = {place: place >= query.session_start for place in blocks}
         return self.likelihood.asked(blocks, current, is_alike)
 
-    def _with(self, seen: Observation, believed: Indices) -> Observation:
+    def _with(self, observed: Observation, believed: Indices) -> Observation:
         """Return an observation with more places; low ratios spread to unverified neighbours."""
-        places = np.union1d(seen.places, believed)
-        examined = np.array(sorted(seen.verified), np.int64)
+        places = np.union1d(observed.places, believed)
+        examined = np.array(sorted(observed.verified), np.int64)
         log_ratios = np.full(len(places), self.likelihood.unverified)
-        at = np.searchsorted(places, seen.places)
-        log_ratios[at] = seen.log_ratios
+        at = np.searchsorted(places, observed.places)
+        log_ratios[at] = observed.log_ratios
         if not len(examined):
-            return replace(seen, places=places, log_ratios=log_ratios)
-        ratios = seen.log_ratios[np.searchsorted(seen.places, examined)]
+            return replace(observed, places=places, log_ratios=log_ratios)
+        ratios = observed.log_ratios[np.searchsorted(observed.places, examined)]
         best = self._near.best_beside(places, examined, ratios, LINKS.beside // 2)
         is_beside = np.isfinite(best)
         is_beside[np.searchsorted(places, examined)] = False
         log_ratios[is_beside] = np.minimum(log_ratios[is_beside], best[is_beside])
-        return replace(seen, places=places, log_ratios=log_ratios)
+        return replace(observed, places=places, log_ratios=log_ratios)
 
     def _peaks(self, places: Indices, scores: Doubles, count: int) -> list[int]:
         """Return the best places by pair score that are not near each other, best first."""
-        peaks = apart(scores, count, lambda at: self._near.mask(places, int(places[at])))
+        peaks = distinct_peaks(scores, count, lambda at: self._near.mask(places, int(places[at])))
         return places[peaks].tolist()
 
     def _elsewhere(self, places: Indices, best: int) -> Indices:

@@ -31,23 +31,23 @@ class Fix:
     """A match: the transform between the coordinate frames of the map and of odometry."""
 
     map_odometry: Matrix  # (4, 4), from odometry to the map
-    way_m: float  # travelled distance at the match
+    distance_m: float  # travelled distance at the match
     turn_rad: float  # sum of turns at the match
     by: int = 0  # id of the camera's prior that made the match
 
 
 @dataclass(eq=False, slots=True)
-class Way:
+class Travelled:
     """The travelled distance, the sum of turns and the last matches, of all cameras of a robot."""
 
     last: Matrix | None = None  # (4, 4), the last odometry pose
-    way_m: float = 0.0
+    distance_m: float = 0.0
     turn_rad: float = 0.0
     fixes: dict[str, Fix] = field(default_factory=dict)  # the last match by coordinate frame
 
     def move(self, here: Matrix) -> None:
         last = here if self.last is None else self.last
-        self.way_m += float(np.linalg.norm(here[:3, 3] - last[:3, 3]))
+        self.distance_m += float(np.linalg.norm(here[:3, 3] - last[:3, 3]))
         self.turn_rad += angle(last[:3, :3].T @ here[:3, :3])
         self.last = here
 
@@ -57,53 +57,53 @@ class OdometryPrior:
 
     def __init__(self, reference_map: ReferenceMap, config: RobotConfig, grows: bool) -> None:
         self._map, self._config, self._grows = reference_map, config, grows
-        self._way = Way()
+        self._travelled = Travelled()
         self.reset()
 
-    def share(self, other: 'OdometryPrior') -> None:
+    def use_matches_of(self, other: 'OdometryPrior') -> None:
         """Share the matches of another camera of the same base."""
-        self._way = other._way
+        self._travelled = other._travelled
 
     def reset(self) -> None:
         self._here: Matrix | None = None
-        self._way.last, self._way.way_m, self._way.turn_rad = None, 0.0, 0.0
-        self._way.fixes.clear()
-        self._stamps, self._ways, self._turns = array('q'), array('d'), array('d')
+        self._travelled.last, self._travelled.distance_m, self._travelled.turn_rad = None, 0.0, 0.0
+        self._travelled.fixes.clear()
+        self._stamps, self._distances_m, self._turns_rad = array('q'), array('d'), array('d')
 
     def forget_poses(self) -> None:
         """Forget matches and poses so far: odometry has jumped to other coordinates."""
-        self._way.last = None
-        self._way.fixes.clear()
-        self._stamps, self._ways, self._turns = array('q'), array('d'), array('d')
+        self._travelled.last = None
+        self._travelled.fixes.clear()
+        self._stamps, self._distances_m, self._turns_rad = array('q'), array('d'), array('d')
 
     def move(self, stamp_ns: int, pose: Pose | None) -> None:
         """Take in the odometry pose of the next keyframe, if there is one."""
         self._here = None if pose is None else matrix(pose)
         if self._here is None:
             return
-        self._way.move(self._here)
+        self._travelled.move(self._here)
         if self._grows:
             self._stamps.append(stamp_ns)
-            self._ways.append(self._way.way_m)
-            self._turns.append(self._way.turn_rad)
+            self._distances_m.append(self._travelled.distance_m)
+            self._turns_rad.append(self._travelled.turn_rad)
 
-    def shares(self, places: Indices, session_start: int) -> Doubles:
+    def entry_prior(self, places: Indices, session_start: int) -> Doubles:
         """Return the share (n,), in [0, 1], of mass that odometry allows to enter each place."""
         if self._here is None:
             return np.ones(len(places))
         off = [self._off(place, session_start) or (0.0, 0.0) for place in places.tolist()]
         return np.exp(-0.5 * np.array([sigmas for sigmas, _ in off]).clip(max=40.0) ** 2)
 
-    def excess_m(self, place: int, session_start: int) -> float | None:
+    def implausible_m(self, place: int, session_start: int) -> float | None:
         """Return the distance of a place beyond the possible drift; None if it is within."""
         off = self._off(place, session_start)
         return None if off is None or off[1] <= 0 else off[1]
 
     def is_denied(self, place: int, session_start: int) -> bool:
         """Return whether the match of another camera and odometry rule out a place."""
-        fix = self._way.fixes.get(self._frame(place))
+        fix = self._travelled.fixes.get(self._frame(place))
         is_other = fix is not None and fix.by != id(self)
-        return is_other and self.excess_m(place, session_start) is not None
+        return is_other and self.implausible_m(place, session_start) is not None
 
     def fix(self, place: int) -> None:
         """Take in a match: the robot is at a place."""
@@ -111,8 +111,8 @@ class OdometryPrior:
         if self._here is None or pose is None:
             return
         link = matrix(pose) @ inverse(self._here)
-        self._way.fixes[self._frame(place)] = Fix(
-            link, self._way.way_m, self._way.turn_rad, id(self)
+        self._travelled.fixes[self._frame(place)] = Fix(
+            link, self._travelled.distance_m, self._travelled.turn_rad, id(self)
         )
 
     def _off(self, place: int, session_start: int) -> tuple[float, float] | None:
@@ -121,13 +121,13 @@ class OdometryPrior:
         if self._here is None or position is None or not self._config.odometry_way_error:
             return None
         initial = self._initial_fix(place) if place >= session_start else None
-        if (fix := self._way.fixes.get(self._frame(place)) or initial) is None:
+        if (fix := self._travelled.fixes.get(self._frame(place)) or initial) is None:
             return None
         here = fix.map_odometry[:3, :3] @ self._here[:3, 3] + fix.map_odometry[:3, 3]
         off_m = math.dist(here, position) - self._slack_m(place)
-        turn_rad = min(self._way.turn_rad - fix.turn_rad, math.tau)
+        turn_rad = min(self._travelled.turn_rad - fix.turn_rad, math.tau)
         share = self._config.odometry_way_error + self._config.odometry_turn_error * turn_rad
-        drift_m = share * (self._way.way_m - fix.way_m)
+        drift_m = share * (self._travelled.distance_m - fix.distance_m)
         # The bounds of the drift are two sigmas.
         return 2 * max(0.0, off_m) / max(drift_m, 1e-3), off_m - drift_m
 
@@ -141,12 +141,12 @@ class OdometryPrior:
         if not self._stamps or stamp_ns < self._stamps[0]:
             return None
         at = min(bisect_left(self._stamps, stamp_ns), len(self._stamps) - 1)
-        return Fix(np.eye(4), self._ways[at], self._turns[at])
+        return Fix(np.eye(4), self._distances_m[at], self._turns_rad[at])
 
     def _slack_m(self, place: int) -> float:
         """Return the error of a match in metres, by the distance to the neighbouring places."""
         near = self._map.bounds.around(place, 1)
         positions = [self._map.places.position(at) for at in near if at < len(self._map)]
         known = [position for position in positions if position is not None]
-        way_m = max(math.dist(first, second) for first in known for second in known)
-        return max(SLACK.least_m, SLACK.places * way_m)
+        distance_m = max(math.dist(first, second) for first in known for second in known)
+        return max(SLACK.least_m, SLACK.places * distance_m)

@@ -52,25 +52,25 @@ def describe(gray: Gray, config: EncodingConfig = EncodingConfig()) -> Descripto
     interpolation = INTERPOLATIONS[config.resize]
     resized = cv2.resize(gray, (side, side), interpolation=interpolation)
     by_cell = cell_entropies(resized, side // HOG.cell_px, interpolation)
-    seen = seen_cells(config.image_mask, len(by_cell))
-    cells = cell_histograms(resized, seen)
-    cells[~seen], by_cell[~seen] = 0, HOG.hidden_bits
+    visible = visible_cells(config.image_mask, len(by_cell))
+    cells = cell_histograms(resized, visible)
+    cells[~visible], by_cell[~visible] = 0, HOG.hidden_bits
     salient = salient_regions(by_cell, config.saliency_threshold)
-    return Descriptor(cells, salient, by_cell, image_entropy(by_cell[seen]))
+    return Descriptor(cells, salient, by_cell, image_entropy(by_cell[visible]))
 
 
 @cache
-def seen_cells(mask: str, side: int) -> Flags:
+def visible_cells(mask: str, side: int) -> Flags:
     """Return which cells an encoding's mask shows, (side, side); ValueError if it shows none."""
     if not mask:
         return np.ones((side, side), np.bool_)
     bits = np.unpackbits(np.frombuffer(bytes.fromhex(mask.removeprefix('#')), np.uint8))
     if not mask.startswith('#') or len(bits) != -(-(side**2) // 8) * 8:
         raise ValueError(f'image_mask: {mask[:20]!r} is not of {side} x {side} cells')
-    seen = bits[: side**2].reshape(side, side).astype(np.bool_)
-    if not seen.any():
+    visible = bits[: side**2].reshape(side, side).astype(np.bool_)
+    if not visible.any():
         raise ValueError('image_mask: hides everything')
-    return seen
+    return visible
 
 
 def salient_regions(cells: Doubles, threshold: float) -> Flags:
@@ -98,11 +98,11 @@ def cell_shape(image_size_px: int) -> tuple[int, int, int]:
     return side, side, HOG.bins
 
 
-def cell_histograms(gray: Gray, seen: Flags | None = None) -> Floats:
+def cell_histograms(gray: Gray, visible: Flags | None = None) -> Floats:
     """
     Return the orientation histograms of the 16 x 16 px cells of an image (S, S).
 
-    Cells that are not `seen`, (S / 16, S / 16), are ignored in the search for the brightest pixel.
+    Only `visible` cells, (S / 16, S / 16), are searched for the brightest pixel.
 
     The result is float32 (S / 16, S / 16, 8): sums of gradient strength, not normalised.
 
@@ -118,9 +118,9 @@ def cell_histograms(gray: Gray, seen: Flags | None = None) -> Floats:
     """
     cells = np.zeros(cell_shape(len(gray)), np.float32)
     brightest = float(gray.max())
-    if seen is not None and not seen.all():
-        shape = len(seen), HOG.cell_px, len(seen), HOG.cell_px
-        brightest = float(gray.reshape(shape).max(axis=(1, 3))[seen].max())
+    if visible is not None and not visible.all():
+        shape = len(visible), HOG.cell_px, len(visible), HOG.cell_px
+        brightest = float(gray.reshape(shape).max(axis=(1, 3))[visible].max())
     if brightest > 0:
         gamma = np.sqrt(np.arange(256) / brightest) * 255.0
         margin = (HOG.margin_px,) * 4

@@ -12,7 +12,7 @@ import time
 from typing import Protocol
 
 from convseq_ros.config import Config, EncodingConfig
-from convseq_ros.core.encoding.descriptor import cell_shape, seen_cells
+from convseq_ros.core.encoding.descriptor import cell_shape, visible_cells
 from convseq_ros.core.encoding.regions import global_descriptor, global_descriptor_length, unit
 from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import ConfigError, ModelError
@@ -154,9 +154,9 @@ class FirstStage:
         assert image is not None
         if not (mask := self._encoding.image_mask):
             return image
-        seen = seen_cells(mask, cell_shape(self._encoding.image_size_px)[0]).astype(np.uint8)
+        visible = visible_cells(mask, cell_shape(self._encoding.image_size_px)[0]).astype(np.uint8)
         size = image.shape[1], image.shape[0]
-        hidden = cv2.resize(seen, size, interpolation=cv2.INTER_NEAREST) == 0
+        hidden = cv2.resize(visible, size, interpolation=cv2.INTER_NEAREST) == 0
         image = image.copy()
         image[hidden] = HIDDEN
         return image

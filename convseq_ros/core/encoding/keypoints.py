@@ -50,8 +50,8 @@ class Keypoints:
         return cls((stored[:, :2] + 0.5) / _SHARES, bits.astype(np.float32) * 2 - 1)
 
 
-def detect(gray: Gray, seen: Flags, most: int) -> StoredKeypoints:
-    """Return the `most` strongest keypoints of an image (H, W), where `seen`, (S, S), shows it."""
+def detect(gray: Gray, visible: Flags, most: int) -> StoredKeypoints:
+    """Return the `most` strongest keypoints of an image (H, W) in its `visible` cells (S, S)."""
     scale = ORB.longer_px / max(gray.shape)
     size = max(1, round(gray.shape[1] * scale)), max(1, round(gray.shape[0] * scale))
     if min(size) <= 2 * ORB.edge_px or not most:
@@ -59,8 +59,8 @@ def detect(gray: Gray, seen: Flags, most: int) -> StoredKeypoints:
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
     copy = gray if scale == 1 else cv2.resize(gray, size, interpolation=how)
     mask = None
-    if not seen.all():
-        mask = cv2.resize(seen.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    if not visible.all():
+        mask = cv2.resize(visible.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
     detector = cv2.ORB_create(  # type: ignore[attr-defined]
         nfeatures=most,
         nlevels=ORB.octaves,

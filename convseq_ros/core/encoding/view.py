@@ -71,7 +71,7 @@ def with_mask_read(
     """
     Return an encoding whose mask is a bit per cell, as maps store it, instead of a file's path.
 
-    A cell is seen if all of it, and 2 px around it, are white in the upright square image that
+    A cell is visible if all of it, and 2 px around it, are white in the upright square image that
     the mask is scaled to. A mask that hides nothing becomes empty. ConfigError if the file is not
     a picture, or if it hides everything.
     """
@@ -84,11 +84,11 @@ def with_mask_read(
     square = cv2.resize(np.ascontiguousarray(turned), (side, side), interpolation=cv2.INTER_AREA)
     reach = np.ones((2 * HOG.margin_px + 1,) * 2, np.uint8)
     white = cv2.erode((square >= _WHITE).astype(np.uint8), reach)
-    seen = white.reshape(side // HOG.cell_px, HOG.cell_px, -1, HOG.cell_px).all(axis=(1, 3))
-    regions = cv2.erode(seen.astype(np.uint8), np.ones((REGION.span,) * 2), borderValue=0)
+    visible = white.reshape(side // HOG.cell_px, HOG.cell_px, -1, HOG.cell_px).all(axis=(1, 3))
+    regions = cv2.erode(visible.astype(np.uint8), np.ones((REGION.span,) * 2), borderValue=0)
     if not regions.any():
         raise ConfigError(f'image_mask: {path} hides everything; white is what the camera sees')
-    stored = '' if seen.all() else f'#{np.packbits(seen).tobytes().hex()}'
+    stored = '' if visible.all() else f'#{np.packbits(visible).tobytes().hex()}'
     return replace(encoding, image_mask=stored)
 
 

@@ -93,39 +93,39 @@ class FrameGate:
         self._drops.observe(stamp_ns)
         if not self._is_due(stamp_ns, pose):
             return Verdict(Reason.BETWEEN_KEYFRAMES, self._blank)
-        seen = None if gray is None else glance(gray)
-        still = self._standstill.is_sure(pose, seen)
+        edges = None if gray is None else glance(gray)
+        still = self._standstill.is_sure(pose, edges)
         # With scene spacing, standstill only names the reason.
         if still and not (self._by_scene and self._standstill.needs_image(pose)):
-            return self._not_keyframe(still, pose, seen, self._blank)
-        if self._by_scene and self._near_duplicate.is_sure(seen):
-            return self._not_keyframe(still, pose, seen, self._blank)
+            return self._not_keyframe(still, pose, edges, self._blank)
+        if self._by_scene and self._near_duplicate.is_sure(edges):
+            return self._not_keyframe(still, pose, edges, self._blank)
         descriptor = encode()
         if self._by_scene:  # else uninformative frames are keyframes, too
             if not descriptor.informative:
                 return Verdict(Reason.UNINFORMATIVE, descriptor)
             share, last = self._keyframes.keyframe_overlap, self._scene
             if last is not None and self._overlap(descriptor, last, share) > share:
-                self._near_duplicate.note(seen, True)
-                return self._not_keyframe(still, pose, seen, descriptor)
+                self._near_duplicate.note(edges, True)
+                return self._not_keyframe(still, pose, edges, descriptor)
         # In the dark, noise alone may leave little overlap: compare the frames for standstill.
-        unchanged = self._standstill.check(descriptor, pose, seen)
-        self._near_duplicate.note(seen, unchanged)
+        unchanged = self._standstill.check(descriptor, pose, edges)
+        self._near_duplicate.note(edges, unchanged)
         if unchanged:
-            return self._not_keyframe(still or not self._by_scene, pose, seen, descriptor)
+            return self._not_keyframe(still or not self._by_scene, pose, edges, descriptor)
         if self._by_scene:
             self._scene = descriptor
         self._last_ns, self._pose = stamp_ns, pose or self._pose
         return Verdict(None, descriptor, self._drops.observe_keyframe())
 
     def _not_keyframe(
-        self, still: bool, pose: Pose | None, seen: Glance | None, descriptor: Descriptor
+        self, still: bool, pose: Pose | None, edges: Glance | None, descriptor: Descriptor
     ) -> Verdict:
         """Return the verdict on a frame at standstill, or close to the last keyframe."""
         if still:
             self._drops.observe_keyframe()
             return Verdict(Reason.STATIONARY, descriptor)
-        self._standstill.note_passed(pose, seen)
+        self._standstill.note_passed(pose, edges)
         return Verdict(Reason.BETWEEN_KEYFRAMES, descriptor)
 
     def _is_due(self, stamp_ns: int, pose: Pose | None) -> bool:

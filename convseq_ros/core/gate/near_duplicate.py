@@ -46,9 +46,9 @@ def glance(gray: Gray) -> Glance | None:
     return edges
 
 
-def distance(seen: Glance, other: Glance) -> float:
+def distance(edges: Glance, other: Glance) -> float:
     """Return the distance of two glances, in [0, 2]."""
-    return float(np.linalg.norm(seen - other))
+    return float(np.linalg.norm(edges - other))
 
 
 class NearDuplicate:
@@ -68,20 +68,20 @@ class NearDuplicate:
         self._near: Glance | None = None  # of the furthest near frame since
         self._furthest = 0.0  # distance between these two
 
-    def is_sure(self, seen: Glance | None) -> bool:
+    def is_sure(self, edges: Glance | None) -> bool:
         """Return whether the slower test would surely find a frame near."""
-        if seen is None or self._last is None:
+        if edges is None or self._last is None:
             return False
-        away = distance(seen, self._last)
+        away = distance(edges, self._last)
         if self._near is not None and away <= self._furthest:
-            return away < self._most or distance(seen, self._near) < GLANCE.again
+            return away < self._most or distance(edges, self._near) < GLANCE.again
         return away < self._most
 
-    def note(self, seen: Glance | None, is_near: bool) -> None:
+    def note(self, edges: Glance | None, is_near: bool) -> None:
         """Take in a result of the slower test; a far frame becomes the new reference."""
         if not is_near:
-            self._last, self._near, self._furthest = seen, None, 0.0
-        elif seen is not None and self._last is not None:
-            away = distance(seen, self._last)
+            self._last, self._near, self._furthest = edges, None, 0.0
+        elif edges is not None and self._last is not None:
+            away = distance(edges, self._last)
             if away >= self._furthest:
-                self._furthest, self._near = away, seen
+                self._furthest, self._near = away, edges

@@ -30,35 +30,37 @@ class Standstill:
 
     def reset(self) -> None:
         self._pose: Pose | None = None
-        self._seen: Glance | None = None
+        self._edges: Glance | None = None
         self._descriptor: Descriptor | None = None
 
-    def check(self, descriptor: Descriptor, pose: Pose | None, seen: Glance | None = None) -> bool:
+    def check(
+        self, descriptor: Descriptor, pose: Pose | None, edges: Glance | None = None
+    ) -> bool:
         """Return whether the robot stands still at a frame; False if it is uninformative."""
         if not descriptor.informative:
             return False
         if (still := self._by_pose(pose)) is None:
             still, last = False, self._descriptor
-            if self._by_image and last is not None and not self._apart(seen) > GLANCE.moved:
+            if self._by_image and last is not None and not self._apart(edges) > GLANCE.moved:
                 most = self.config.stationary_overlap
                 still = self._similarity(descriptor, last, most) > most
         if not still:
-            self._pose, self._seen, self._descriptor = pose, seen, descriptor
+            self._pose, self._edges, self._descriptor = pose, edges, descriptor
         return still
 
-    def is_sure(self, pose: Pose | None, seen: Glance | None) -> bool:
+    def is_sure(self, pose: Pose | None, edges: Glance | None) -> bool:
         """Return whether the robot surely stands still, by its pose or a near-duplicate test."""
         if not self.needs_image(pose):
             return bool(self._by_pose(pose))
-        return self._apart(seen) < self._most_apart
+        return self._apart(edges) < self._most_apart
 
-    def _apart(self, seen: Glance | None) -> float:
+    def _apart(self, edges: Glance | None) -> float:
         """Return the distance of a glance from that of the last frame that moved, or NaN."""
-        return math.nan if seen is None or self._seen is None else distance(seen, self._seen)
+        return math.nan if edges is None or self._edges is None else distance(edges, self._edges)
 
-    def note_passed(self, pose: Pose | None, seen: Glance | None) -> None:
+    def note_passed(self, pose: Pose | None, edges: Glance | None) -> None:
         """Store the pose and glance of a frame that moved and is not described."""
-        self._pose, self._seen = pose or self._pose, seen
+        self._pose, self._edges = pose or self._pose, edges
 
     def needs_image(self, pose: Pose | None) -> bool:
         """Return whether the image decides, because there is no pose to compare."""

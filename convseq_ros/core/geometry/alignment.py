@@ -41,7 +41,7 @@ class ALIGNMENT:
 
     # For regions; unrelated images have fewer than 40 inliers.
     cells: Precision = Precision(sigmas=(1.0,) * 4 + (0.3,) * 7, agreeing=0.6, fewest=40, block=3)
-    # Share of the way across that the field misses, per cell that it moves a region of median
+    # Share of the step across that the field misses, per cell that it moves a region of median
     shrunk: float = 0.08  # depth; fitted on drawn streets
     # RANSAC for the start: least inverse depth of a point, in its sigmas, and the number of
     # samples; OpenCV draws the same ones each time.
@@ -62,7 +62,7 @@ class Alignment:
     information: Matrix  # (6, 6), of the same, as if the errors of regions were independent
     inliers: int
     share: float  # of inliers among the regions with a displacement; in (0, 1]
-    cells_per_m: float  # displacement of a region of median depth by a way across
+    cells_per_m: float  # displacement of a region of median depth by a translation across
     baseline_m: float = math.inf  # between the images that gave the depths
     # (k, 3), positions of these images from the reference's lens.
     neighbours: Doubles = field(default_factory=lambda: np.zeros((0, 3)))
@@ -72,15 +72,15 @@ def align(
     structure: Structure, sight: Sight, precision: Precision = ALIGNMENT.cells
 ) -> Alignment | None:
     """Return the motion to the lens of a sight, starting at its guess; None if few agree."""
-    seen, scale = sight.seen, sight.scale
-    known = np.isfinite(seen).all(axis=1) & (structure.information > 0)
+    observed, scale = sight.observed, sight.scale
+    known = np.isfinite(observed).all(axis=1) & (structure.information > 0)
     if known.sum() < precision.fewest:
         return None
     used = Structure(
         structure.rays[known], structure.inverse_m[known], structure.information[known]
     )
     moved, inverse, off, pulls, information = kernels_of(__package__).align(
-        used, seen[known], scale, np.array(precision.sigmas), sight.moved
+        used, observed[known], scale, np.array(precision.sigmas), sight.moved
     )
     agreeing = int((np.hypot(*off.T) <= precision.agreeing).sum())
     if agreeing < precision.fewest or not np.isfinite(moved).all():
@@ -99,15 +99,15 @@ def align(
 def start_by_points(structure: Structure, sight: Sight) -> Matrix | None:
     """Return the motion to a lens by SQPnP and RANSAC on precise depths; None if that fails."""
     deviations = structure.inverse_m * np.sqrt(structure.information)
-    known = np.isfinite(sight.seen).all(axis=1) & (deviations > ALIGNMENT.least_depth_sigmas)
+    known = np.isfinite(sight.observed).all(axis=1) & (deviations > ALIGNMENT.least_depth_sigmas)
     if known.sum() < ALIGNMENT.fewest_points:
         return None
     points = structure.rays[known] / structure.inverse_m[known, None]
     lens, moved = np.diag([*sight.scale, 1.0]), np.eye(4)
     with suppress(cv2.error):
-        is_found, turn, way, _ = cv2.solvePnPRansac(
+        is_found, turn, translation, _ = cv2.solvePnPRansac(
             points,
-            sight.seen[known] * sight.scale,
+            sight.observed[known] * sight.scale,
             lens,
             None,
             iterationsCount=ALIGNMENT.samples,
@@ -115,26 +115,26 @@ def start_by_points(structure: Structure, sight: Sight) -> Matrix | None:
             confidence=ALIGNMENT.probability,
             flags=cv2.SOLVEPNP_SQPNP,
         )
-        if is_found and np.isfinite(turn).all() and np.isfinite(way).all():
-            moved[:3, :3], moved[:3, 3] = turned_by(turn), way.ravel()
+        if is_found and np.isfinite(turn).all() and np.isfinite(translation).all():
+            moved[:3, :3], moved[:3, 3] = turned_by(turn), translation.ravel()
             return moved
     return None
 
 
 def correct_parallax_loss(found: Alignment, along: Doubles | None) -> Alignment:
     """
-    Return a motion with a corrected part across the map's way, and the turn that compensates it.
+    Return a motion with a corrected part across the map's drive, and the turn that compensates it.
 
     Large parallax is underestimated: the field is smoothed, and near regions leave the search.
-    Along the way to the neighbours, whose parallax gave the depths, the error cancels. Across it,
+    Along the line to the neighbours, whose parallax gave the depths, the error cancels. Across it,
     the missing part was taken for a turn.
-    `along` is that way in the reference's lens, a unit vector (3,); None if depths were measured.
+    `along` is that line in the reference's lens, a unit vector (3,); None if depths were measured.
     """
-    way, information = found.moved[:3, 3], found.information
-    across = way
+    translation, information = found.moved[:3, 3], found.information
+    across = translation
     if along is not None:
         ahead = found.moved[:3, :3] @ along
-        across = way - (way @ ahead) * ahead
+        across = translation - (translation @ ahead) * ahead
     missed = ALIGNMENT.shrunk * found.cells_per_m * float(np.linalg.norm(across)) * across
     turn = -np.linalg.solve(information[:3, :3], information[:3, 3:] @ missed)
     moved = found.moved.copy()
@@ -186,15 +186,17 @@ def two_view(first: Points, second: Points, scale: Doubles) -> TwoView | None:
     essential, agree = cv2.findEssentialMat(first, second, *options)
     if essential is None or essential.shape != (3, 3):
         return None
-    count, turned, way, _ = cv2.recoverPose(essential, first, second, np.eye(3), mask=agree)
+    count, turned, translation, _ = cv2.recoverPose(
+        essential, first, second, np.eye(3), mask=agree
+    )
     if count < TWO_VIEW.fewest:
         return None
-    return TwoView(turned, -turned.T @ way.ravel(), int(count), count / len(first))
+    return TwoView(turned, -turned.T @ translation.ravel(), int(count), count / len(first))
 
 
 def _turn(first: Points, second: Points, scale: Doubles) -> tuple[Matrix, Doubles]:
     """Return the rotation between rays, robust to outliers, and its errors (n,) in cells."""
-    rays = [np.column_stack((seen, np.ones(len(seen)))) for seen in (first, second)]
+    rays = [np.column_stack((observed, np.ones(len(observed)))) for observed in (first, second)]
     here, there = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
     weight = np.ones(len(first))
     for _ in range(TWO_VIEW.rounds):

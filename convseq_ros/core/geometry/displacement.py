@@ -52,7 +52,7 @@ class PackedRegions:
         return words.view(np.int8).reshape(self.side**2, -1) * np.float32(1 / FIELD.scale)
 
 
-def arranged(regions: Regions) -> PackedRegions:
+def packed_regions(regions: Regions) -> PackedRegions:
     """Return regions (side ** 2, 32), of at most unit length, for the kernels; NaN becomes 0."""
     side = isqrt(len(regions))
     wide = -(-side // _SPREAD) * _SPREAD

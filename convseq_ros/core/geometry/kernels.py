@@ -64,11 +64,13 @@ def verified(
     return results
 
 
-def align(known: Structure, seen: Doubles, scale: Doubles, sigmas: Doubles, start: Doubles) -> Fit:
+def align(
+    known: Structure, observed: Doubles, scale: Doubles, sigmas: Doubles, start: Doubles
+) -> Fit:
     """Return `numpy_kernels.align`, to 1e-9."""
-    count, rows, inverse = len(seen), start[:3].copy(), known.inverse_m.copy()
+    count, rows, inverse = len(observed), start[:3].copy(), known.inverse_m.copy()
     off, pulls, information = np.empty((count, 2)), np.empty((count, 6)), np.empty((6, 6))
-    regions = known.rays, seen, known.inverse_m, known.information
+    regions = known.rays, observed, known.inverse_m, known.information
     _align(
         *map(np.ascontiguousarray, regions), count, np.ascontiguousarray(scale), sigmas,
         len(sigmas), DEPTH.no_motion, DEPTH.least_ahead, rows, inverse, off, pulls, information,

@@ -174,17 +174,19 @@ def _beside(before: Floats, middle: Floats, after: Floats) -> Floats:
     return np.where(known & (bend < 0), off, np.float32(0)).clip(-0.5, 0.5)
 
 
-def align(known: Structure, seen: Doubles, scale: Doubles, sigmas: Doubles, start: Doubles) -> Fit:
+def align(
+    known: Structure, observed: Doubles, scale: Doubles, sigmas: Doubles, start: Doubles
+) -> Fit:
     """
     Fit a motion (4, 4), starting at `start`, and n depths to regions that another lens sees.
 
-    There is one round of least squares for each sigma, in cells; larger errors weigh less. `seen`
-    (n, 2) is in the plane z = 1, `scale` (2,) cells across and down per length of 1. Return the
-    motion, inverse depths (n,), errors in cells (n, 2), gradients by the pose (n, 6), and the
-    information about the pose (6, 6), of a turn and a translation.
+    There is one round of least squares for each sigma, in cells; larger errors weigh less.
+    `observed` (n, 2) is in the plane z = 1, `scale` (2,) cells across and down per length of 1.
+    Return the motion, inverse depths (n,), errors in cells (n, 2), gradients by the pose (n, 6),
+    and the information about the pose (6, 6), of a turn and a translation.
     """
     # Values of a region lie in a column: sums over contiguous memory are faster.
-    rays, seen, across_down = known.rays.T, seen.T, scale[:, None]
+    rays, observed, across_down = known.rays.T, observed.T, scale[:, None]
     given, held = known.inverse_m, known.information
     inverse, moved = given, start.copy()
     for sigma in sigmas:
@@ -192,7 +194,7 @@ def align(known: Structure, seen: Doubles, scale: Doubles, sigmas: Doubles, star
         points = turned + inverse * moved[:3, 3:]
         ahead = np.maximum(points[2], DEPTH.least_ahead)
         flat = points[:2] / ahead
-        off = (flat - seen) * across_down
+        off = (flat - observed) * across_down
         by_pose, by_depth = _slopes(turned, inverse, moved[:3, 3:], flat, across_down / ahead)
         weight = (points[2] > DEPTH.least_ahead) / (sigma**2 + (off**2).sum(axis=0))
         # Depths are eliminated by the Schur complement, which is a scalar for each.
@@ -211,7 +213,7 @@ def align(known: Structure, seen: Doubles, scale: Doubles, sigmas: Doubles, star
 
 
 def _slopes(
-    turned: Doubles, inverse: Doubles, way: Doubles, flat: Doubles, scale: Doubles
+    turned: Doubles, inverse: Doubles, translation: Doubles, flat: Doubles, scale: Doubles
 ) -> tuple[Doubles, Doubles]:
     """Return derivatives of positions by turns and translations (6, 2, n), by depths (2, n)."""
     (x, y, z), (u, v) = turned, flat
@@ -219,4 +221,4 @@ def _slopes(
     across = -u * y, z + u * x, -y, inverse, zero, -u * inverse
     down = -z - v * y, v * x, x, zero, inverse, -v * inverse
     by_pose = np.stack((across, down), axis=1) * scale
-    return by_pose, (way[:2] - flat * way[2]) * scale
+    return by_pose, (translation[:2] - flat * translation[2]) * scale

@@ -68,17 +68,17 @@ def _undistorted(camera: Camera, pixels: Points, matrix: Points, error_px: float
     """Return rays of pixels; NaN where a ray, distorted again, misses its pixel."""
     found = np.full_like(pixels, np.nan)
     known = np.isfinite(pixels).all(axis=1)
-    seen, numbers = pixels[known][None], np.array(camera.distortion)
+    observed, numbers = pixels[known][None], np.array(camera.distortion)
     if not known.any():
         return found
     if camera.distortion_model == 'equidistant':
-        straight = cv2.fisheye.undistortPoints(seen, matrix, numbers)
+        straight = cv2.fisheye.undistortPoints(observed, matrix, numbers)
         again = cv2.fisheye.distortPoints(straight, matrix, numbers)
     else:
-        straight = cv2.undistortPoints(seen, matrix, numbers)
+        straight = cv2.undistortPoints(observed, matrix, numbers)
         deep = cv2.convertPointsToHomogeneous(straight[:, 0])
         again, _ = cv2.projectPoints(deep, np.zeros(3), np.zeros(3), matrix, numbers)
-    off = np.linalg.norm(again.reshape(-1, 2) - seen[0], axis=1)
+    off = np.linalg.norm(again.reshape(-1, 2) - observed[0], axis=1)
     found[known] = np.where((off <= error_px)[:, None], straight.reshape(-1, 2), np.nan)
     return found
 
@@ -120,7 +120,7 @@ Fit = tuple[Doubles, Doubles, Doubles, Doubles, Doubles]
 class Sight:
     """Where another image sees the same regions; equal to itself only."""
 
-    seen: Points  # (n, 2), where their rays meet the other image's plane z = 1
+    observed: Points  # (n, 2), where their rays meet the other image's plane z = 1
     moved: Matrix  # (4, 4), from the reference's lens to the other's; known or a guess
     scale: Doubles  # (2,), cells across and down per length of 1 in that plane
 
@@ -165,8 +165,10 @@ def _off(sight: Sight, rays: Doubles, inverse: Doubles) -> tuple[Doubles, Double
 
     Both are (2, n), or (m, 2, n) for inverse depths (m, 1): this layout makes sums fast.
     """
-    turned, way = sight.moved[:3, :3] @ rays.T, sight.moved[:3, 3:]
-    points = turned + inverse[..., None, :] * way
+    turned, translation = sight.moved[:3, :3] @ rays.T, sight.moved[:3, 3:]
+    points = turned + inverse[..., None, :] * translation
     ahead = np.maximum(points[..., 2:, :], DEPTH.least_ahead)
     flat, scale = points[..., :2, :] / ahead, sight.scale[:, None]
-    return (flat - sight.seen.T) * scale, (way[:2] - flat * way[2]) / ahead * scale
+    return (flat - sight.observed.T) * scale, (
+        translation[:2] - flat * translation[2]
+    ) / ahead * scale

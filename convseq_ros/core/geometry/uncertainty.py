@@ -16,12 +16,12 @@ class Spread:
 
     # Factors on the alignment's sigmas, divided by a power of the share that agrees at first: if
     # few agree, all is worse. Most parallax is horizontal, and a field misses part of it; so yaw
-    # and the way across have larger errors than pitch, roll and the way down.
+    # and the translation across have larger errors than pitch, roll and the translation down.
     across: float
     down: float
     ahead: float
     share_power: float
-    far: float  # share of the way beyond the neighbours, if that is as long as the baseline
+    far: float  # share of the distance beyond the neighbours, if that is as long as the baseline
     position_m: float  # least sigma, however many regions or keypoints agree
     turn_rad: float  # the same for turns
 
@@ -66,7 +66,7 @@ def base_pose(
     base = inverse(base_query)
     between = base_reference @ lens @ base
     turn = base_reference[:3, :3] @ lens[:3, :3]  # from the query's lens
-    # The alignment's errors are a turn and a way in the query's lens, after the motion.
+    # The alignment's errors are a turn and a translation in the query's lens, after the motion.
     arm = cross(base[:3, 3] - found.moved[:3, 3])
     slopes = np.zeros((6, 6))
     slopes[:3, :3] = turn @ arm
@@ -103,17 +103,17 @@ def base_pose_of_two_views(
     return RelativePose(quaternion(turn), None, direction, covariance, found.inliers, explains)
 
 
-def _far(found: Alignment, way: Matrix) -> Matrix:
+def _far(found: Alignment, translation: Matrix) -> Matrix:
     """
-    Return the part of a way (3,) beyond the neighbours that gave the depths, in their scale.
+    Return the part of a translation (3,) beyond the neighbours that gave depths, in their scale.
 
     Up to the neighbours, errors of their fields and of the query's cancel. Beyond, the estimated
-    way is too short, in proportion to the squared distance over the baseline.
+    translation is too short, in proportion to the squared distance over the baseline.
     """
-    length_m = float(np.linalg.norm(way))
+    length_m = float(np.linalg.norm(translation))
     if length_m == 0.0:
-        return way
-    ahead = way / length_m
+        return translation
+    ahead = translation / length_m
     beyond_m = length_m - float((found.neighbours @ ahead).clip(0.0, length_m).max(initial=0.0))
     return np.asarray(ahead * beyond_m**2 / found.baseline_m)
 
@@ -125,6 +125,6 @@ def _of_turns(turns: Matrix) -> Matrix:
     return covariance
 
 
-def _unit(way: Matrix) -> Vector | None:
-    length = float(np.linalg.norm(way))
-    return vector(way / length) if length > 0 else None
+def _unit(translation: Matrix) -> Vector | None:
+    length = float(np.linalg.norm(translation))
+    return vector(translation / length) if length > 0 else None

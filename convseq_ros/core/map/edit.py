@@ -99,7 +99,7 @@ def _refuse_incompatible(slices: Sequence[SessionSlice]) -> None:
     def settings_of(part: SessionSlice) -> dict[str, object]:
         return stored_settings(part.reference_map.encoding) | part.reference_map.keyframes.spacing
 
-    first, seen = slices[0], dict[str, SessionSlice]()
+    first, known = slices[0], dict[str, SessionSlice]()
     expected = settings_of(first)
     for part in slices:
         settings = settings_of(part)
@@ -109,12 +109,12 @@ def _refuse_incompatible(slices: Sequence[SessionSlice]) -> None:
                 f'{part.path}: made with {name} {settings[name]!r:.40}, {first.path} with '
                 f'{expected[name]!r:.40}; build one of them again with the settings of the other'
             )
-        if before := seen.get(part.session.id):
+        if before := known.get(part.session.id):
             raise MapError(
                 f'{part.path}: its session {part.session.name!r} is in {before.path} already, by '
                 f'its id {part.session.id}; a map holds a session once: leave one out'
             )
-        seen[part.session.id] = part
+        known[part.session.id] = part
 
 
 def carry_links(origins: Sequence[tuple[ReferenceMap, int]], links: Links) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import zlib
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.encoding.descriptor import cell_shape, seen_cells
+from convseq_ros.core.encoding.descriptor import cell_shape, visible_cells
 from convseq_ros.core.encoding.first_stage import model_name
 from convseq_ros.core.rigid import vector
 from convseq_ros.core.types import Camera, Halves, Pose, RelativePose
@@ -110,7 +110,7 @@ class Settings:
             model = encoding.descriptor_model
             if (model and not model.startswith('#')) or type(encoding.keeps_cells) is not bool:
                 raise ValueError('settings: invalid descriptor_model')
-            seen_cells(encoding.image_mask, cell_shape(encoding.image_size_px)[0])
+            visible_cells(encoding.image_mask, cell_shape(encoding.image_size_px)[0])
             keyframes = KeyframeConfig(**json.loads(stored['keyframes']))
             return cls(checked_id(stored['map_id']), encoding, keyframes)
         except (KeyError, TypeError, AttributeError, RecursionError, ConfigError) as error:

@@ -58,7 +58,7 @@ class Looks:
 
     A look is a stretch of keyframes of one drive. If a place has too many looks, the later one of
     the two most similar looks is removed, by their global descriptors. The newest look is removed
-    unless it differs much more from the others than they do from each other. Anchors are kept. A
+    unless it is twice as far from all others as their closest pair. Anchors are kept. A
     place that was not recognised belongs to the place that its recognised neighbours imply.
     """
 

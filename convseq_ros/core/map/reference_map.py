@@ -9,7 +9,7 @@ from typing import Any
 from uuid import uuid4
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.encoding.descriptor import cell_shape, seen_cells
+from convseq_ros.core.encoding.descriptor import cell_shape, visible_cells
 from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.keypoints import BYTES, detect, StoredKeypoints
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
@@ -208,8 +208,8 @@ class ReferenceMap:
     def detect(self, gray: Gray, most: int) -> StoredKeypoints:
         """Return the keypoints (n, 34) of an upright image (H, W), without masked parts."""
         if self._detected is None or self._detected[0] is not gray or self._detected[1] != most:
-            seen = seen_cells(self.encoding.image_mask, self.cell_shape[0])
-            self._detected = gray, most, detect(gray, seen, most)
+            visible = visible_cells(self.encoding.image_mask, self.cell_shape[0])
+            self._detected = gray, most, detect(gray, visible, most)
         return self._detected[2]
 
     def keypoints(self, index: int) -> StoredKeypoints | None:

@@ -15,7 +15,7 @@ import math
 
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.ways import WAYS
+from convseq_ros.core.pose.map_motion import NEIGHBOURS
 from convseq_ros.core.rigid import base_between, composed_covariance, Matrix, matrix, pose_of
 from convseq_ros.core.types import Camera, Frame, Match, Pose, RelativePose, Row, Shift
 import numpy as np
@@ -76,9 +76,9 @@ def estimate_pose(
         return None
     covariance = np.diag([position_sigma_m**2] * 3 + [heading_sigma_rad**2] * 3)
     if relative is not None and relative.pose:
-        there, way = matrix(pose), matrix(relative.pose)
-        covariance = composed_covariance(there, covariance, way, relative.covariance)
-        return PoseEstimate(pose_of(there @ way), covariance)
+        there, motion = matrix(pose), matrix(relative.pose)
+        covariance = composed_covariance(there, covariance, motion, relative.covariance)
+        return PoseEstimate(pose_of(there @ motion), covariance)
     step = _to_nearer_neighbour(places, index, pose)
     covariance[:3, :3] += np.outer(step, step) / 12
     similar = [pose, *(other for at in _as_good(places, index, row) if (other := places[at].pose))]
@@ -104,19 +104,19 @@ def turned(pose: Pose, yaw_rad: float) -> Pose:
 
 def _to_nearer_neighbour(places: Sequence[Place], index: int, here: Pose) -> Matrix:
     """Return the offset (3,), in metres, to the nearer of the next places on either side."""
-    ways: list[Matrix] = []
+    nearest: list[Matrix] = []
     for side in _sides(places, index, len(places)):
         poses = (other for at in side if (other := places[at].pose))
         offsets = (np.subtract(other.position, here.position) for other in poses)
-        ways += islice((way for way in offsets if math.hypot(*way) > _SAME_SPOT_M), 1)
-    return min(ways, key=lambda way: float(way @ way), default=np.zeros(3))
+        nearest += islice((one for one in offsets if math.hypot(*one) > _SAME_SPOT_M), 1)
+    return min(nearest, key=lambda one: float(one @ one), default=np.zeros(3))
 
 
 def _sides(places: Sequence[Place], index: int, count: int) -> Iterator[Iterator[int]]:
     """Yield up to 10 places of the session before a place, then after it, nearest first."""
-    before = range(index - 1, max(index - WAYS.look, 0) - 1, -1)
+    before = range(index - 1, max(index - NEIGHBOURS.reach, 0) - 1, -1)
     session = places[index].session
-    for side in (before, range(index + 1, min(index + WAYS.look + 1, count))):
+    for side in (before, range(index + 1, min(index + NEIGHBOURS.reach + 1, count))):
         yield takewhile(lambda at: places[at].session == session, side)
 
 

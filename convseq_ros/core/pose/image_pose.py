@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from typing import Any
 
-from convseq_ros.core.encoding.descriptor import seen_cells
+from convseq_ros.core.encoding.descriptor import visible_cells
 from convseq_ros.core.geometry.alignment import (
     align,
     ALIGNMENT,
@@ -23,7 +23,7 @@ from convseq_ros.core.geometry.alignment import (
 from convseq_ros.core.geometry.structure import Points, rays_through, Sight, Structure, triangulate
 from convseq_ros.core.map.image_coding import reduced
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.ways import Ways
+from convseq_ros.core.pose.map_motion import MapMotion
 from convseq_ros.core.rigid import inverse, Matrix, matrix, ROBOT_LENS
 from convseq_ros.core.types import Camera, constants, Doubles, Flags, Floats, Frame, Gray, Indices
 import cv2
@@ -54,12 +54,12 @@ class Keypoints:
     size_px: tuple[int, int]  # of the image, width and height
 
 
-def keypoints(gray: Gray, seen: Flags) -> Keypoints:
-    """Return the keypoints of an image (H, W) in the part that `seen`, of any size, shows."""
+def keypoints(gray: Gray, visible: Flags) -> Keypoints:
+    """Return the keypoints of an image (H, W) in the part that `visible`, of any size, shows."""
     size = gray.shape[1], gray.shape[0]
     mask = None
-    if not seen.all():
-        mask = cv2.resize(seen.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    if not visible.all():
+        mask = cv2.resize(visible.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
     sift = _CV2.SIFT_create(nfeatures=KEYPOINT.most, contrastThreshold=KEYPOINT.contrast)
     detected, descriptors = sift.detectAndCompute(gray, mask)
     positions = np.array([keypoint.pt for keypoint in detected], np.float64).reshape(-1, 2)
@@ -130,18 +130,18 @@ class KeypointView(LensView):
     def sight(self, other: 'KeypointView', moved: Matrix) -> Sight:
         """Return where another view, moved by (4, 4) from this lens, sees these keypoints."""
         here, there = matched_keypoints(self.keypoints, other.keypoints).T
-        seen = np.full((len(self.rays), 2), np.nan)
-        seen[here] = other.rays[there, :2]
-        return Sight(seen, moved, other.scale)
+        observed = np.full((len(self.rays), 2), np.nan)
+        observed[here] = other.rays[there, :2]
+        return Sight(observed, moved, other.scale)
 
     def sight_of_scene(self, other: 'KeypointView', moved: Matrix) -> Sight:
         """Return `sight` without epipolar outliers; `moved` is a guess."""
         sight = self.sight(other, moved)
-        plane, seen = self.rays[:, :2], sight.seen
-        known = np.flatnonzero(np.isfinite(seen).all(axis=1) & np.isfinite(plane).all(axis=1))
-        units = (plane[known] * self.scale, seen[known] * other.scale)
+        plane, observed = self.rays[:, :2], sight.observed
+        known = np.flatnonzero(np.isfinite(observed).all(axis=1) & np.isfinite(plane).all(axis=1))
+        units = (plane[known] * self.scale, observed[known] * other.scale)
         agree = epipolar_inliers(*(points * KEYPOINT.unit_px for points in units))
-        seen[np.setdiff1d(np.arange(len(seen)), known[agree])] = np.nan
+        observed[np.setdiff1d(np.arange(len(observed)), known[agree])] = np.nan
         return sight
 
 
@@ -166,18 +166,18 @@ class _Place:
 class ImagePoses:
     """Aligns queries with the kept images of a map, each of at most `max_mpx` megapixels."""
 
-    def __init__(self, reference_map: ReferenceMap, ways: Ways, max_mpx: float) -> None:
-        self._ways = ways
-        self._seen = seen = seen_cells(
+    def __init__(self, reference_map: ReferenceMap, motion: MapMotion, max_mpx: float) -> None:
+        self._motion = motion
+        self._visible = visible = visible_cells(
             reference_map.encoding.image_mask, reference_map.cell_shape[0]
         )
 
         @lru_cache(_KEPT)
         def view_of(index: int, camera: Camera) -> KeypointView | None:
             gray = reference_map.image(index, max_mpx)
-            return None if gray is None else KeypointView(camera, keypoints(gray, seen))
+            return None if gray is None else KeypointView(camera, keypoints(gray, visible))
 
-        self._place = lru_cache(_KEPT)(partial(_place, ways, view_of))
+        self._place = lru_cache(_KEPT)(partial(_place, motion, view_of))
 
     def align(self, index: int, own: Camera, frame: Frame, moved: Matrix) -> Alignment | None:
         """
@@ -188,12 +188,12 @@ class ImagePoses:
         """
         if frame.gray is None or frame.camera is None:
             return None
-        around = self._ways.neighbours(index, 2)  # chosen for keypoints
+        around = self._motion.neighbours(index, 2)  # chosen for keypoints
         place = self._place(index, own, tuple(other for other, _ in around))
         if place is None:
             return None
         small = reduced(frame.gray, max(place.view.keypoints.size_px))
-        query = KeypointView(frame.camera, keypoints(small, self._seen))
+        query = KeypointView(frame.camera, keypoints(small, self._visible))
         sight = place.view.sight_of_scene(query, moved)
         # From a bad guess least squares does not converge; SQPnP needs no guess.
         sampled = start_by_points(place.structure, sight)
@@ -207,7 +207,7 @@ class ImagePoses:
 
 
 def _place(
-    ways: Ways,
+    motion: MapMotion,
     view_of: Callable[[int, Camera], KeypointView | None],
     index: int,
     own: Camera,
@@ -219,7 +219,7 @@ def _place(
         return None
     lens, sights = view.base_lens, []
     for other in others:
-        moved, neighbour = ways.moved(index, other), view_of(other, own)
+        moved, neighbour = motion.moved(index, other), view_of(other, own)
         if moved is not None and neighbour is not None:
             sights.append(view.sight(neighbour, inverse(lens) @ moved @ lens))
     if not sights:

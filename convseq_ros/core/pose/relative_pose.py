@@ -28,7 +28,7 @@ from convseq_ros.core.geometry.structure import (
 from convseq_ros.core.geometry.uncertainty import base_pose, base_pose_of_two_views, ERROR
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.image_pose import ImagePoses, LensView
-from convseq_ros.core.pose.ways import WAYS, Ways
+from convseq_ros.core.pose.map_motion import MapMotion, NEIGHBOURS
 from convseq_ros.core.rigid import inverse, Matrix, matrix
 from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import Camera, Candidate, Doubles, Frame, Pose, RelativePose, Shift
@@ -83,16 +83,16 @@ class RelativePoses:
         reading: ReadingConfig = ReadingConfig(),
     ) -> None:
         self._map, self._matcher = reference_map, matcher
-        self.ways = Ways(reference_map)
+        self.motion = MapMotion(reference_map)
         self._measured = lru_cache(_KEPT)(reference_map.depths)
-        self._images = ImagePoses(reference_map, self.ways, reading.max_image_mpx)
+        self._images = ImagePoses(reference_map, self.motion, reading.max_image_mpx)
 
     def measure(self, features: Features, frame: Frame, found: Candidate) -> RelativePose | None:
         """Return the pose of a query relative to a candidate; None if it cannot be measured."""
         index, shift, camera = found.reference_index, found.shift, frame.camera
-        if camera is None or shift is None or features.arranged is None:
+        if camera is None or shift is None or features.packed is None:
             return None
-        query, reference = CellView(camera, features.arranged), self._view(index, camera)
+        query, reference = CellView(camera, features.packed), self._view(index, camera)
         if reference is None or not (is_usable(camera) and is_usable(reference.camera)):
             return None
         pose = self._by_cells(index, reference, query, shift)
@@ -104,13 +104,13 @@ class RelativePoses:
         sight = reference.sight_from(query, np.eye(4), (-round(shift[0]), -round(shift[1])))
         aligned = self._aligned(index, reference, sight, query)
         if aligned is None:
-            both = two_view(reference.rays[:, :2], sight.seen, sight.scale)
+            both = two_view(reference.rays[:, :2], sight.observed, sight.scale)
             if both is None:
                 return None
             pose = base_pose_of_two_views(both, reference.base_lens, query.base_lens)
             return replace(pose, explains=False) if self._knows_depth(index, reference) else pose
         pose = base_pose(aligned, reference.base_lens, query.base_lens)
-        if (nearest := self.ways.nearest(index, pose)) != index:
+        if (nearest := self.motion.nearest(index, pose)) != index:
             pose = self._measured_from(nearest, index, aligned, query) or pose
         return pose
 
@@ -118,7 +118,7 @@ class RelativePoses:
         self, nearest: int, index: int, aligned: Alignment, query: CellView
     ) -> RelativePose | None:
         """Return the pose relative to a place, measured from a nearer one; None if that fails."""
-        between, reference = self.ways.moved(nearest, index), self._view(nearest, query.camera)
+        between, reference = self.motion.moved(nearest, index), self._view(nearest, query.camera)
         if between is None or reference is None:
             return None
         lens = inverse(reference.base_lens) @ between @ reference.base_lens
@@ -134,8 +134,8 @@ class RelativePoses:
         """Return the pose by kept images, starting at `known`, that of cells; None if it fails."""
         if not self._map.keeps_images:
             return None
-        nearest = self.ways.nearest(index, known) if known else index
-        if (between := self.ways.moved(nearest, index)) is None:
+        nearest = self.motion.nearest(index, known) if known else index
+        if (between := self.motion.moved(nearest, index)) is None:
             return None
         guess = np.eye(4)
         if known:
@@ -182,13 +182,13 @@ class RelativePoses:
         lens = reference.base_lens
         return [
             (view, inverse(lens) @ moved @ lens)
-            for other, moved in self.ways.neighbours(index)
+            for other, moved in self.motion.neighbours(index)
             if (view := self._view(other, reference.camera)) is not None
         ]
 
     def _view(self, index: int, camera: Camera) -> CellView | None:
         """Return a place's view by its session's camera, or else by `camera`; None if blank."""
-        regions = self._matcher.arranged(index)
+        regions = self._matcher.packed(index)
         reference_camera = self._map.camera_of(index, camera)
         return None if regions is None else CellView(reference_camera, regions)
 
@@ -203,4 +203,4 @@ def _aligned_by_depth(
     # The search is repeated around the first result.
     again = reference.sight(query, first.moved)
     second = align(structure, again)
-    return second and correct_parallax_loss(replace(second, baseline_m=WAYS.apart_m), None)
+    return second and correct_parallax_loss(replace(second, baseline_m=NEIGHBOURS.apart_m), None)

@@ -23,7 +23,7 @@ import numpy as np
 _GROUP = 64  # size of the groups of scores whose maxima are compared first
 
 
-class Coarse:
+class AllPlaces:
     """
     Selects the places that a query is scored with: all of them, as in the paper (III-D).
 
@@ -47,7 +47,7 @@ class Coarse:
         return np.arange(self._usable)
 
 
-class CoarseScores(Coarse):
+class CoarseScores(AllPlaces):
     """
     Scores a query against all references: 1.5 ms and 50 MB at 100,000, in proportion to the map.
 
@@ -83,7 +83,7 @@ class CoarseScores(Coarse):
         self._track.update(self.row, starts)
 
     def best(self, by_track: int, by_frame: int, excluded: Sequence[range] = ()) -> Indices:
-        """Return the likeliest places, ascending: see `Coarse.best`."""
+        """Return the likeliest places, ascending: see `AllPlaces.best`."""
         track, frame = top(self._track.sums, by_track, excluded), top(self.row, by_frame, excluded)
         return np.union1d(track, frame)
 

@@ -11,7 +11,7 @@ from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.descriptor import ENTROPY
 from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.encoding.regions import unit
-from convseq_ros.core.geometry.displacement import arranged, PackedRegions
+from convseq_ros.core.geometry.displacement import packed_regions, PackedRegions
 from convseq_ros.core.geometry.verification import field, motion, NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
@@ -33,9 +33,9 @@ _KEPT_TO_VERIFY = 64  # references whose regions are cached for the geometry; 2 
 class Features:
     """The features of a query."""
 
-    approximate: Any  # fast features, for the chosen kernel
+    approximate: Any  # fast features
     exact: Callable[[], Any]  # returns those for an exact kernel, made at the first call
-    arranged: PackedRegions | None = None  # for the geometry
+    packed: PackedRegions | None = None  # for the geometry
     rough: Any = None  # for rough scores
 
 
@@ -72,7 +72,7 @@ class Matcher:
             rough_count = kept and _ROUGH * kept
             self._rough = FeatureCache(reference_map, fast.rough, *shared, rough_count)
         # Not a bound method: without a reference cycle, an unused map is freed at once.
-        self._kept_arranged = lru_cache(_KEPT_TO_VERIFY)(partial(_arranged, self._fast))
+        self._kept_packed = lru_cache(_KEPT_TO_VERIFY)(partial(_packed, self._fast))
 
     def reset(self) -> None:
         self._background.reset()
@@ -91,11 +91,11 @@ class Matcher:
         if not regions:
             return Features(fast, exact)
         rough = self._rough and self._rough.pair.extract(*arguments)
-        return Features(fast, exact, arranged(regions[0]), rough)
+        return Features(fast, exact, packed_regions(regions[0]), rough)
 
-    def arranged(self, index: int) -> PackedRegions | None:
+    def packed(self, index: int) -> PackedRegions | None:
         """Return a reference's regions for the geometry; None if uninformative or without any."""
-        return self._kept_arranged(index)
+        return self._kept_packed(index)
 
     def scores_of(self, requests: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """
@@ -121,29 +121,29 @@ class Matcher:
 
     def field(self, query: Features, index: int, shift: Shift) -> npt.NDArray[np.float64]:
         """Return the displacements of a query's regions, (n, 5), as `verification.field` does."""
-        reference = self.arranged(index)
-        if query.arranged is None or reference is None:
+        reference = self.packed(index)
+        if query.packed is None or reference is None:
             return np.zeros((0, 5))
-        return field(query.arranged, reference, shift)
+        return field(query.packed, reference, shift)
 
     def motion(self, query: Features, index: int) -> npt.NDArray[np.float64] | None:
         """Return the motion (2, 3) from a query to a reference; None without regions."""
-        shift, reference = self.shift(query, index), self.arranged(index)
-        if query.arranged is None or reference is None or shift is None:
+        shift, reference = self.shift(query, index), self.packed(index)
+        if query.packed is None or reference is None or shift is None:
             return None
-        return motion(query.arranged, reference, shift)
+        return motion(query.packed, reference, shift)
 
     def verified(self, query: Features, indices: Sequence[int]) -> dict[int, Verification]:
         """Return the verification of a query with references, by index; empty without regions."""
-        if query.arranged is None:
+        if query.packed is None:
             return {}
         shifts = self._fast.shifts(query.approximate, indices)
-        rows = zip(indices, shifts, map(self.arranged, indices), strict=True)
+        rows = zip(indices, shifts, map(self.packed, indices), strict=True)
         usable = [row for row in rows if row[1] is not None and row[2] is not None]
         results = dict.fromkeys(indices, NOTHING)
         if usable:
             verified, starts, references = zip(*usable, strict=True)
-            results |= zip(verified, verify(query.arranged, references, starts), strict=True)
+            results |= zip(verified, verify(query.packed, references, starts), strict=True)
         return results
 
     def warm_up(self) -> None:
@@ -157,12 +157,12 @@ class Matcher:
             for features in (self._fast, self._exact, self._rough):
                 if features:
                     features.clear()
-            self._kept_arranged.cache_clear()
+            self._kept_packed.cache_clear()
 
 
-def _arranged(features: FeatureCache, index: int) -> PackedRegions | None:
+def _packed(features: FeatureCache, index: int) -> PackedRegions | None:
     regions_of, (reference,) = features.pair.regions_of, features.of([index])
-    return arranged(regions_of(reference)) if regions_of and reference is not None else None
+    return packed_regions(regions_of(reference)) if regions_of and reference is not None else None
 
 
 class DescriptorMatcher(Matcher):
@@ -190,7 +190,7 @@ class DescriptorMatcher(Matcher):
         """Return None: vectors give no shift."""
         return None
 
-    def arranged(self, _index: int) -> PackedRegions | None:
+    def packed(self, _index: int) -> PackedRegions | None:
         """Return None: there are no regions."""
         return None
 

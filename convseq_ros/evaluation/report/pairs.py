@@ -56,7 +56,7 @@ def _agreement(
     index: int,
 ) -> tuple[bytes, bytes]:
     """Return the regions and keypoints of a frame that agree with a place."""
-    if not features or not features.arranged or not (shift := matcher.shift(features, index)):
+    if not features or not features.packed or not (shift := matcher.shift(features, index)):
         return b'', b''
     field = matcher.field(features, index, shift)
     regions = _packed(field[field[:, 4] > 0][:, [1, 0, 3, 2]], _MOST_REGIONS)
@@ -64,7 +64,7 @@ def _agreement(
     if found is None or kept is None or motion is None:
         return regions, b''
     both = Keypoints.of_stored(found), Keypoints.of_stored(kept)
-    return regions, _packed(agreeing(*both, motion, features.arranged.side), _MOST_KEYPOINTS)
+    return regions, _packed(agreeing(*both, motion, features.packed.side), _MOST_KEYPOINTS)
 
 
 def _packed(shares: Doubles, most: int) -> bytes:

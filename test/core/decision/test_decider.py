@@ -7,7 +7,7 @@ from dataclasses import replace
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.paper.decider import decide_by_margin, PaperDecider
-from convseq_ros.core.retrieval.coarse_scores import Coarse
+from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.types import Candidate, Frame, Reason
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def decided(a_map, scores, config=RULE, length=3, lengths=None):
     query = Query(
         Frame(0, None), buffer, len(scores), 0, replace(Config(), acceptance=config), length
     )
-    return PaperDecider(whole, Coarse(), Config()).decide(query), buffer
+    return PaperDecider(whole, AllPlaces(), Config()).decide(query), buffer
 
 
 def test_candidates_come_best_first_without_neighbours(a_map):

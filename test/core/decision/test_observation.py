@@ -29,7 +29,7 @@ class Shown:
         self.rows, self._strengths, self._usual = [np.array(scores, np.float32)], strengths, usual
         self.verified_step = None if step is None else verified(step)
         self.novelty = 1.0
-        features = SimpleNamespace(arranged=SimpleNamespace(side=30))
+        features = SimpleNamespace(packed=SimpleNamespace(side=30))
         self.newest = SimpleNamespace(descriptor=None, features=features)
 
     def score(self, count, _places):

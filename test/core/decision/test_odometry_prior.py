@@ -22,7 +22,7 @@ def fixed(whole, place=100, config=TENTH, grows=False, way=0):
 
 
 def share(prior, place, start=NONE):
-    return float(prior.shares(np.array([place]), start)[0])
+    return float(prior.entry_prior(np.array([place]), start)[0])
 
 
 @pytest.fixture(scope='module')
@@ -34,8 +34,8 @@ def test_five_hundred_metres_away_is_denied_and_where_one_is_not(street):
     prior = fixed(street, way=20)
     assert share(prior, 120) == 1 and share(prior, 620) < 1e-6 and share(prior, 20) < 1e-6
     slack_m = 2 * SLACK.places  # the places on both sides are 2 m apart
-    assert prior.excess_m(120, NONE) is None
-    assert prior.excess_m(620, NONE) == pytest.approx(500 - slack_m - 0.1 * 20)
+    assert prior.implausible_m(120, NONE) is None
+    assert prior.implausible_m(620, NONE) == pytest.approx(500 - slack_m - 0.1 * 20)
 
 
 def test_the_drift_is_two_sigmas_beyond_what_a_match_may_be_off(street):
@@ -44,8 +44,8 @@ def test_the_drift_is_two_sigmas_beyond_what_a_match_may_be_off(street):
     assert share(prior, 200 + slack) == 1
     assert share(prior, 200 + slack + 10) == pytest.approx(np.exp(-2))
     assert share(prior, 200 - slack - 5) == pytest.approx(np.exp(-0.5))
-    assert prior.excess_m(200 + slack + 10, NONE) is None
-    assert prior.excess_m(200 + slack + 11, NONE) == pytest.approx(1)
+    assert prior.implausible_m(200 + slack + 10, NONE) is None
+    assert prior.implausible_m(200 + slack + 11, NONE) == pytest.approx(1)
 
 
 def test_a_place_of_this_drive_is_where_odometry_was_then(a_map):
@@ -59,7 +59,7 @@ def test_a_place_of_this_drive_is_where_odometry_was_then(a_map):
     assert share(prior, 201, 200) == 1
     # Place 212 was seen 67 m ago, at x = 12: 3 m beyond what a match may be off.
     assert share(prior, 212, 200) == pytest.approx(np.exp(-0.5 * (2 * 3 / 6.7) ** 2))
-    assert share(prior, 239, 200) < 1e-6 and prior.excess_m(239, 200) > 20
+    assert share(prior, 239, 200) < 1e-6 and prior.implausible_m(239, 200) > 20
     # Of another session nothing is known.
     assert share(prior, 150, 200) == 1
 
@@ -76,12 +76,12 @@ def test_without_odometry_or_poses_nothing_is_denied(a_map, street):
     off = fixed(street, config=RobotConfig(odometry_way_error=0.0))
     bare = fixed(a_map(700))
     for prior in (lost, off, bare):
-        assert share(prior, 620) == 1 and prior.excess_m(620, NONE) is None
+        assert share(prior, 620) == 1 and prior.implausible_m(620, NONE) is None
 
 
 def test_what_one_camera_is_sure_of_holds_for_the_other(street):
     front, rear = (OdometryPrior(street, TENTH, False) for _ in range(2))
-    rear.share(front)
+    rear.use_matches_of(front)
     for prior in (front, rear):
         prior.move(0, at(0))
     front.fix(100)
@@ -95,5 +95,5 @@ def test_whatever_odometry_says_shares_are_shares(street, xs):
     for second, x in enumerate(xs):
         prior.move(second, at(x))
         prior.fix(100)
-        shares = prior.shares(np.arange(0, 700, 7), 650)
+        shares = prior.entry_prior(np.arange(0, 700, 7), 650)
         assert ((shares >= 0) & (shares <= 1)).all()

@@ -3,9 +3,9 @@
 """The paper's decision: the best diagonal is a match if it leads its rivals by a margin."""
 
 from convseq_ros.config import AcceptanceConfig, Config
-from convseq_ros.core.decision.decider import Answer, apart, candidate, Query
+from convseq_ros.core.decision.decider import Answer, candidate, distinct_peaks, Query
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.retrieval.coarse_scores import Coarse
+from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.types import Candidates, Doubles, Flags, Indices, Reason
 import numpy as np
 
@@ -23,7 +23,7 @@ class PaperDecider:
 
     odometry_jumps = 0  # it does not use odometry
 
-    def __init__(self, reference_map: ReferenceMap, coarse: Coarse, config: Config) -> None:
+    def __init__(self, reference_map: ReferenceMap, coarse: AllPlaces, config: Config) -> None:
         self._map, self._coarse = reference_map, coarse
         self._listed = config.matching.shortlist_length
 
@@ -60,7 +60,7 @@ class PaperDecider:
         places, count = self._map.places, max(2, config.num_candidates)
         return tuple(
             candidate(places, int(ends[peak]), float(scores[peak]))
-            for peak in apart(scores, count, near)
+            for peak in distinct_peaks(scores, count, near)
         )
 
 

@@ -142,7 +142,7 @@ class QueryBuffer:
     def verified_step(self) -> Verification | None:
         """The verification of the newest frame with the one before; None without regions."""
         features = [frame.features for frame in self.frames[:2]]
-        images = [each.arranged for each in features if each and each.arranged]
+        images = [each.packed for each in features if each and each.packed]
         return verify(images[0], images[1:], [(0.0, 0.0)])[0] if len(images) == 2 else None
 
     @property
@@ -167,7 +167,7 @@ class QueryBuffer:
 
 
 def _novelty(features: Features | None, before: Features | None) -> float:
-    images = [each.arranged for each in (features, before) if each and each.arranged]
+    images = [each.packed for each in (features, before) if each and each.packed]
     vectors = [image.rows.view(np.int8).ravel().astype(np.float32) for image in images]
     if len(vectors) < 2 or not (
         lengths := float(np.linalg.norm(vectors[0]) * np.linalg.norm(vectors[1]))
