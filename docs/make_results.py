@@ -132,6 +132,7 @@ def _accuracy(runs: Sequence[Run]) -> Iterable[str]:
         'of matched',
         'AUC-PR, %',
         'recall at 100 % precision, %',
+        'PCU',
     )
     for name in dict.fromkeys(run.set for run in runs):
         of_set = {run.method: run for run in runs if run.set == name}
@@ -161,6 +162,7 @@ def _best(run: Run) -> list[str]:
         str(told['matched_known']),
         _percent(told['auc_pr']),
         _percent(told['recall_at_100_precision']),
+        '-' if told['pcu'] is None else f'{told["pcu"]:.2f}',
     ]
 
 

@@ -14,7 +14,7 @@ from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.methods import make_method, Method, MethodName, parse_method
 from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, run_protocol, VERSION
 from convseq_ros.evaluation.provenance import provenance
-from convseq_ros.evaluation.scorecard import judge, summarize, Summary, threshold_figures
+from convseq_ros.evaluation.scorecard import add_pcu, judge, summarize, Summary, threshold_figures
 
 DEFAULT_METHODS = ('convseq', 'convseq-k10', 'cohog', 'seqslam', 'hog')
 PUBLISHED = 'published'
@@ -103,9 +103,14 @@ def _measure_set(
     for protocol in protocols:
         name = f'{data_set.name}-open' if protocol == OPEN else data_set.name
         _describe_set(output / name, protocol, material, plan.keep)
+        own = list[Summary]()
         for method in methods:
             report(f'{name}: {method.name.label}')
-            summaries.append(_measure(material, method, protocol, output / name, plan))
+            own.append(_measure(material, method, protocol, output / name, plan))
+        add_pcu(own)
+        for summary in own:
+            run_folder.write_summary(output / name / summary['method'], summary)
+        summaries += own
     return summaries
 
 
@@ -135,7 +140,7 @@ def _measure(
         'argv': list(plan.argv),
         **threshold_figures(verdicts, outcome.halves),
     }
-    run_folder.write_run(folder / method.name.label, outcome, verdicts, curve, summary)
+    run_folder.write_run(folder / method.name.label, outcome, verdicts, curve)
     return summary
 
 

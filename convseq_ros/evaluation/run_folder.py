@@ -115,10 +115,8 @@ def write_set(folder: Path, material: Material) -> None:
         _write_thumbnails(folder / 'thumbnails' / 'reference', material.reference)
 
 
-def write_run(
-    folder: Path, outcome: Outcome, verdicts: Verdicts, curve: Curve, summary: Mapping[str, Any]
-) -> None:
-    """Write the answers of a method, its curve and its figures."""
+def write_run(folder: Path, outcome: Outcome, verdicts: Verdicts, curve: Curve) -> None:
+    """Write the answers of a method, and its curve."""
     _write_frames(folder / 'frames.csv', outcome, verdicts)
     if outcome.protocol != OPEN:
         _write_array(folder / 'scores.npy', outcome.pairs.scores.astype(np.float32))
@@ -127,6 +125,10 @@ def write_run(
     texts = ([f'{value:.7g}' for value in point] for point in points)
     table = (dict(zip(names, point, strict=True)) for point in texts)
     write_table(folder / 'curve.csv', names, table)
+
+
+def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
+    """Write the figures of a method; with them its run is complete."""
     write_json(folder / 'summary.json', summary)
 
 

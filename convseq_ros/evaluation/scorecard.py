@@ -91,17 +91,31 @@ def figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]:
     Return the figures that depend on the frames alone; None where a figure is undefined.
 
     `auc_pr` is the area under the precision-recall curve of the matched frames, recall over the
-    right matches, as in scikit-learn and VPR-Bench.
+    right matches, as in scikit-learn and VPR-Bench; 0 if no match is right. At a recall of 100 %
+    every answer is taken.
     """
     answerable = int((verdicts.matched & verdicts.known).sum())
     right = int(verdicts.correct.sum())
     known_curve = verdicts.curve(criterion, answerable)
+    area = metrics.average_precision(verdicts.curve(criterion))
+    taken = int(verdicts.matched.sum()) if verdicts.known.any() else 0
     return {
         'accuracy_matched': metrics.share(right, answerable),
         'accuracy_all': metrics.share(right, int(verdicts.known.sum())),
-        'auc_pr': metrics.average_precision(verdicts.curve(criterion)),
+        'auc_pr': 0.0 if area is None and verdicts.known.any() else area,
         'recall_at_100_precision': metrics.recall_at_full_precision(known_curve),
+        'precision_at_100_recall': metrics.share(right, taken),
     }
+
+
+def add_pcu(summaries: Sequence[Summary]) -> None:
+    """Add `pcu` to the summaries of the methods of one set; None where a part was not measured."""
+    times = [summary['encode_ms'] for summary in summaries if summary.get('encode_ms')]
+    for summary in summaries:
+        precision, time_ms = summary.get('precision_at_100_recall'), summary.get('encode_ms')
+        is_measured = precision is not None and time_ms
+        pcu = metrics.performance_per_compute_unit
+        summary['pcu'] = pcu(precision, time_ms, max(times)) if is_measured else None
 
 
 def decisions(verdicts: Verdicts) -> dict[str, float | None]:

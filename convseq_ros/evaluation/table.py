@@ -16,6 +16,8 @@ HEADINGS = {
     'known': 'of all',
     'auc_pr': 'AUC-PR',
     'recall_at_100_precision': 'R at 100 % P',
+    'precision_at_100_recall': 'P at 100 % R',
+    'pcu': 'PCU',
     'accepted_recall': 'accepted R',
     'false_closures': 'false',
     'slips': 'slips',
@@ -26,7 +28,10 @@ HEADINGS = {
     'frame_ms': 'frame ms',
     'place_bytes': 'bytes a place',
 }
-_HIGHER_IS_BETTER = 'accuracy_matched', 'accuracy_all', 'auc_pr', 'recall_at_100_precision'
+_HIGHER_IS_BETTER = (
+    'accuracy_matched', 'accuracy_all', 'auc_pr', 'recall_at_100_precision',
+    'precision_at_100_recall', 'pcu',
+)  # fmt: skip
 
 
 def summary_rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -21,7 +21,7 @@ import pytest
 KEYS = {
     'accuracy_matched', 'accuracy_all', 'queries', 'matched', 'recall_at_100_precision', 'auc_pr',
     'false_closures', 'slips', 'mean_k', 'encode_ms', 'frame_ms', 'configuration', 'versions',
-    'argv',
+    'argv', 'precision_at_100_recall', 'pcu',
 }  # fmt: skip
 
 
@@ -56,6 +56,7 @@ def test_a_folder_holds_what_it_promises(street, quick, tmp_path):
     summary = json.loads((method / 'summary.json').read_text())
     assert summary['argv'] == ['convseq', 'evaluate']
     assert summary['configuration']['image_size_px'] == 128
+    assert summary['pcu'] >= summary['precision_at_100_recall']
     right = sum(row['correct'] == '1' for row in frames)
     assert summary['accuracy_all'] == right / 24
     assert summary['accuracy_matched'] == right / sum(row['best_index'] != '' for row in frames)

@@ -6,12 +6,14 @@ from convseq_ros.evaluation.metrics import (
     average_precision,
     block_intervals,
     highest_wrong,
+    performance_per_compute_unit,
     precision_recall,
     recall_at,
     recall_at_full_precision,
     reliability,
 )
 from convseq_ros.evaluation.scorecard import (
+    add_pcu,
     decisions,
     figures,
     first_closures,
@@ -147,6 +149,8 @@ def test_figures_of_five_frames():
     # Among the matched queries that have an answer.
     assert found['recall_at_100_precision'] == pytest.approx(1 / 3)
     assert figures(verdicts(), 'margin')['recall_at_100_precision'] == pytest.approx(2 / 3)
+    # At a recall of 100 % all four answers are taken, and two are right.
+    assert found['precision_at_100_recall'] == 2 / 4
     assert decisions(verdicts()) == {
         'accepted': 3,
         'accepted_right': 1,
@@ -167,6 +171,28 @@ def test_without_answers_there_are_no_figures():
     none = np.zeros(5, bool)
     found = figures(verdicts(known=none, correct=none, slip=none), 'score')
     assert set(found.values()) == {None}
+
+
+def test_where_no_answer_is_right_though_one_could_be_figures_are_zero():
+    none = np.zeros(5, bool)
+    for nothing in (verdicts(correct=none), verdicts(correct=none, matched=none)):
+        assert figures(nothing, 'score')['auc_pr'] == 0
+    assert figures(verdicts(correct=none), 'score')['precision_at_100_recall'] == 0
+    found = figures(verdicts(correct=none, matched=none), 'score')
+    assert found['precision_at_100_recall'] is None
+
+
+def test_performance_per_compute_unit_by_hand():
+    # log10(1 + 9) is 1, log10(91 + 9) is 2.
+    assert performance_per_compute_unit(0.9, 50.0, 50.0) == pytest.approx(0.9)
+    assert performance_per_compute_unit(0.9, 1.0, 91.0) == pytest.approx(1.8)
+
+
+def test_each_method_of_a_set_is_compared_with_the_slowest_of_them():
+    times = (0.5, 1.0), (0.8, 91.0), (0.8, None), (None, 2.0)
+    summaries = [{'precision_at_100_recall': one, 'encode_ms': ms} for one, ms in times]
+    add_pcu(summaries)
+    assert [one['pcu'] for one in summaries] == [pytest.approx(1.0), pytest.approx(0.8), None, None]
 
 
 def test_a_threshold_lets_through_what_beats_all_wrong_answers():
