@@ -74,6 +74,20 @@ def test_the_same_image_is_at_the_same_spot(street, made):
     assert made(street[0][11], 11, bare).direction is None
 
 
+@pytest.mark.parametrize('turn_rad', [0.3, -0.3])
+def test_the_search_for_regions_begins_where_the_whole_image_went(street, made, turn_rad):
+    """A camera that turned to a side shows everything some nine cells further on the other."""
+    query, place = street[1][9], street[0][11]
+    camera = query.camera
+    lens = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]])
+    turn = cv2.Rodrigues(np.array((0.0, turn_rad, 0.0)))[0]
+    gray = cv2.warpPerspective(query.gray, lens @ turn @ np.linalg.inv(lens), (320, 240))
+    ahead = matrix(query.pose) @ matrix(of_roll_pitch_yaw((0.0, 0.0, 0.0), 0.0, 0.0, turn_rad))
+    turned_query = replace(query, gray=gray, pose=pose_of(ahead))
+    metres, radians = off(made(turned_query, 11), turned_query, place)
+    assert metres < 0.45 and radians < 0.03
+
+
 def test_distortion_is_taken_out(street, made):
     """An image that is distorted, with its camera's coefficients, is at the same spot."""
     query = street[1][9]
