@@ -113,9 +113,10 @@ def add_pcu(summaries: Sequence[Summary]) -> None:
     times = [summary['encode_ms'] for summary in summaries if summary.get('encode_ms')]
     for summary in summaries:
         precision, time_ms = summary.get('precision_at_100_recall'), summary.get('encode_ms')
-        is_measured = precision is not None and time_ms
-        pcu = metrics.performance_per_compute_unit
-        summary['pcu'] = pcu(precision, time_ms, max(times)) if is_measured else None
+        summary['pcu'] = None
+        if precision is not None and time_ms:
+            pcu = metrics.performance_per_compute_unit(precision, time_ms, max(times))
+            summary['pcu'] = pcu
 
 
 def decisions(verdicts: Verdicts) -> dict[str, float | None]:

@@ -192,7 +192,12 @@ def test_each_method_of_a_set_is_compared_with_the_slowest_of_them():
     times = (0.5, 1.0), (0.8, 91.0), (0.8, None), (None, 2.0)
     summaries = [{'precision_at_100_recall': one, 'encode_ms': ms} for one, ms in times]
     add_pcu(summaries)
-    assert [one['pcu'] for one in summaries] == [pytest.approx(1.0), pytest.approx(0.8), None, None]
+    assert [one['pcu'] for one in summaries] == [
+        pytest.approx(1.0),
+        pytest.approx(0.8),
+        None,
+        None,
+    ]
 
 
 def test_a_threshold_lets_through_what_beats_all_wrong_answers():
