@@ -22,8 +22,8 @@ METHODS = {
     OURS: ('**ours**, sequences', 'convseq'),
     'single': ('**ours**, single images', 'convseq-k1+search=exhaustive'),
     'listed': ('**ours**, single images, shortlist', 'convseq-k1'),
-    'paper': ("paper's pair score, sequences", 'convseq+matching=regional+search=exhaustive'),
-    'cohog': ("CoHOG: paper's pair score, single images", 'cohog'),
+    'paper': ("the paper's method, sequences", 'paper'),
+    'cohog': ("CoHOG: the paper's pair score, single images", 'cohog'),
     'seqslam': ('SeqSLAM', 'seqslam'),
     'hog': ('HOG, single images', 'hog'),
 }

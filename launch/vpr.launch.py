@@ -25,6 +25,7 @@ TOPICS = {
 }
 OTHERS = {
     'camera': 'its driver, a name of config/cameras.yaml: topics as that has them',
+    'method': "paper for the paper's method, config/paper.yaml; empty: as params_file says",
     'params_file': 'file of parameters; those that are arguments win',
     'namespace': 'of the node and its topics',
     'use_sim_time': 'true if a recording is played with /clock',
@@ -70,12 +71,16 @@ def _nodes(context: Any, names: list[str]) -> list[Node]:
         for name, item in PARAMETERS.items()
         if given(name)  # else as the file of parameters says
     }
+    files = [given('params_file')]
+    if method := given('method'):
+        refuse_unknown([method], ['paper'], 'no such method')
+        files.append(str(_share() / 'config' / f'{method}.yaml'))
     node = Node(
         package='convseq_ros',
         executable='vpr_node',
         name='vpr_node',
         namespace=given('namespace'),
-        parameters=[given('params_file'), chosen | {'use_sim_time': is_true('use_sim_time')}],
+        parameters=[*files, chosen | {'use_sim_time': is_true('use_sim_time')}],
         remappings=[(name, given(name)) for name in TOPICS if given(name)],
         ros_arguments=['--log-level', given('log_level')],
         respawn=is_true('respawn'),

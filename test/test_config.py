@@ -4,7 +4,8 @@
 
 from pathlib import Path
 
-from convseq_ros.cli.config import all_parameters, markdown, yaml
+from convseq_ros.cli.config import all_parameters, markdown, PAPERS, yaml
+from convseq_ros.cli.options import read_parameter_file
 from convseq_ros.config import (
     Config,
     EncodingConfig,
@@ -13,6 +14,7 @@ from convseq_ros.config import (
     SequenceConfig,
     with_values,
 )
+from convseq_ros.config.paper import PAPER, paper_parameters
 from convseq_ros.errors import ConfigError
 import pytest
 
@@ -46,7 +48,9 @@ def test_flat_values_round_trip():
         ('fixed_length', True, 'expected int, got True'),
         ('min_confidence', 'high', "expected float, got 'high'"),
         ('image_size_px', 500, 'multiple of 16'),
-        ('acceptance_rule', 'sum', "'sum' is not one of auto, belief, margin"),
+        ('acceptance_rule', 'sum', "'sum' is not one of auto, belief, margin, always"),
+        ('min_length', 30, 'min_length: 30 is above max_length, 25'),
+        ('sequence_regions', 'newest', 'newest needs matching: regional, not coherent'),
     ],
 )
 def test_a_value_that_is_not_allowed_is_refused(name, value, told):
@@ -57,6 +61,15 @@ def test_a_value_that_is_not_allowed_is_refused(name, value, told):
 def test_the_shipped_parameter_file_is_what_the_code_says():
     shipped = (REPOSITORY / 'config' / 'vpr_node.yaml').read_text(encoding='utf-8')
     assert shipped == yaml(all_parameters()) + '\n'
+
+
+def test_the_papers_parameter_file_is_what_the_code_says():
+    shipped = (REPOSITORY / 'config' / 'paper.yaml').read_text(encoding='utf-8')
+    assert shipped == yaml(paper_parameters(), PAPERS) + '\n'
+    values = read_parameter_file(REPOSITORY / 'config' / 'paper.yaml')
+    assert make_config(values) == with_values(Config(), PAPER)
+    default = flatten(Config())
+    assert {name for name in values if values[name] != default[name]} == set(PAPER)
 
 
 def test_the_page_of_parameters_lists_them_as_the_code_does():

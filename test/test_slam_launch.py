@@ -108,6 +108,20 @@ def test_a_camera_gives_its_topics_and_what_is_given_besides_wins(launched):
         started(camera='relsense')
 
 
+def test_the_papers_method_is_one_argument(launched):
+    launched()
+    vpr = runpy.run_path(str(LAUNCH.with_name('vpr.launch.py')))
+    names = [*vpr['TOPICS'], *vpr['OTHERS'], *vpr['PARAMETERS']]
+
+    def files(method):
+        (node,) = vpr['_nodes'](dict.fromkeys(names, '') | {'method': method}, [])
+        return [Path(one).name for one in node.kwargs['parameters'][:-1]][1:]
+
+    assert (files('paper'), files('')) == (['paper.yaml'], [])
+    with pytest.raises(ConfigError, match=r"no such method 'papr'; did you mean paper\?"):
+        files('papr')
+
+
 def test_two_publishers_of_one_transform_are_refused(launched):
     with pytest.raises(ValueError, match='publish_tf: pose_graph_node broadcasts map -> odom'):
         launched(publish_tf='true')

@@ -18,6 +18,7 @@ from convseq_ros.cli.options import (
     chosen_images,
     progress,
     quoted,
+    read_parameter_file,
     say,
     tells_what_is_kept,
     warn,
@@ -82,13 +83,21 @@ def add_no_links(parser: argparse.ArgumentParser) -> None:
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """Declare the options that decide which images become places."""
+    help_ = 'parameter file, the same YAML that the node reads; options win over it'
+    parser.add_argument('--config', type=Path, metavar='FILE', help=help_)
     for title, declared in _settings().items():
         add_parameters(parser, title, declared)
 
 
 def chosen_settings(chosen: argparse.Namespace) -> Config:
     """Return the configuration that these arguments ask for."""
-    config = make_config(given(chosen, chain.from_iterable(_settings().values())))
+    declared = [*chain.from_iterable(_settings().values())]
+    values = given(chosen, declared)
+    if chosen.config:
+        names = [item.name for item in declared]
+        file = read_parameter_file(chosen.config, chosen_reading(chosen))
+        values = {name: file[name] for name in names if name in file} | values
+    config = make_config(values)
     return replace(config, encoding=with_mask_read(config.encoding, config.reading))
 
 
@@ -225,7 +234,10 @@ def _why_no_pose(chosen: argparse.Namespace) -> str:
 
 def _settings() -> dict[str, list[Parameter]]:
     """Return the parameters of places and of the content of maps, by title."""
-    kept = 'image_size_px', 'image_mask', 'image_rotation_deg', 'descriptor_model', 'matching'
+    kept = (
+        'image_size_px', 'resize', 'image_mask', 'image_rotation_deg', 'descriptor_model',
+        'matching',
+    )  # fmt: skip
     encoding = [*parameters(EncodingConfig), *parameters(MatchingConfig)]
     return {
         'keyframes': [*parameters(KeyframeConfig)],

@@ -9,6 +9,7 @@ import textwrap
 
 from convseq_ros.config import core_parameters
 from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.config.paper import paper_parameters
 from convseq_ros.config.parameter import Parameter, parameters
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
 
@@ -23,6 +24,11 @@ motion, `image_size_px`, `image_mask`, `image_rotation_deg`, `camera_to_base`, `
 `max_file_mb`.
 
 """
+DEFAULTS = 'Every parameter of vpr_node with its default; printed by `convseq config`.'
+PAPERS = (
+    "The paper's method as released, for maps made with this file; printed by "
+    '`convseq config --paper`.'
+)
 _TABLE = """\
 | parameter | default | unit | allowed | meaning |
 |---|---|---|---|---|
@@ -35,12 +41,19 @@ _GRAPH = """
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--markdown', action='store_true', help='print docs/PARAMETERS.md')
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument('--paper', action='store_true', help="print the paper's method instead")
+    what.add_argument('--markdown', action='store_true', help='print docs/PARAMETERS.md')
 
 
 def run(chosen: argparse.Namespace) -> int:
     """Print a ROS parameter file, or the table."""
-    print(markdown(all_parameters()) if chosen.markdown else yaml(all_parameters()))
+    if chosen.markdown:
+        print(markdown(all_parameters()))
+    elif chosen.paper:
+        print(yaml(paper_parameters(), PAPERS))
+    else:
+        print(yaml(all_parameters()))
     return 0
 
 
@@ -49,9 +62,9 @@ def all_parameters() -> list[Parameter]:
     return [*core_parameters(), *parameters(NodeConfig)]
 
 
-def yaml(declared: Iterable[Parameter]) -> str:
+def yaml(declared: Iterable[Parameter], title: str = DEFAULTS) -> str:
     """Return a ROS parameter file with every default and its meaning."""
-    lines = ['# Every parameter of vpr_node with its default; printed by `convseq config`.']
+    lines = [f'# {title}']
     lines += ['/**:', '  ros__parameters:']
     for item in declared:
         unit = f'{item.bounds} {item.unit}'.strip()

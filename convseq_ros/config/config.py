@@ -38,8 +38,14 @@ class EncodingConfig(Checked):
         512, 'Images are resized to a square with sides of this length before they are compared.',
         unit='px', low=64, high=2048,
     )
-    saliency_threshold: float = 0.5  # a salient region's minimum mean entropy, of 8 bits (ET)
-    resize: str = 'exact'  # same result on every processor; linear is the published method
+    saliency_threshold: float = parameter(
+        0.5, 'Minimum mean entropy of a salient region, as a fraction of 8 bits; ET in the paper.',
+        low=0.0, high=1.0,
+    )
+    resize: str = parameter(
+        'exact', 'How images are resized: exact gives the same result on every processor, linear '
+        'is what the paper used. All places of a map need the same.', choices=('exact', 'linear'),
+    )
     image_mask: str = parameter(
         '', 'Picture file that is black where images show the robot itself; empty uses the mask '
         'that the map stores, if any.', is_path=True,
@@ -101,13 +107,38 @@ class SequenceConfig(Checked):
         0, 'Number of frames in every sequence; 0 chooses the length for each frame, as in the '
         'paper.', unit='frames', low=0, high=100, dynamic=True,
     )
-    # From the paper: a sequence grows while its oldest and newest frame are this similar (IT) ...
-    overlap_threshold: float = 0.9
-    entropy_threshold: float = 0.5  # ... or its mean entropy, of 8 bits, is at most this (ET)
-    # In frames.
-    min_length: int = 2
-    max_overlap_length: int = 15  # the longest sequence by similarity alone
-    max_length: int = 25
+    overlap_threshold: float = parameter(
+        0.9, 'A sequence grows while its oldest and newest frame are at least this similar; IT in '
+        'the paper.', low=0.0, high=1.0, dynamic=True,
+    )
+    entropy_threshold: float = parameter(
+        0.5, 'A sequence grows while its mean entropy, as a fraction of 8 bits, is at most this; '
+        'ET in the paper.', low=0.0, high=1.0, dynamic=True,
+    )
+    min_length: int = parameter(
+        2, 'Number of frames in the shortest sequence that is chosen.',
+        unit='frames', low=2, high=100, dynamic=True,
+    )
+    max_overlap_length: int = parameter(
+        15, 'Number of frames up to which similarity alone makes a sequence grow.',
+        unit='frames', low=2, high=100, dynamic=True,
+    )
+    max_length: int = parameter(
+        25, 'Number of frames in the longest sequence that is chosen.',
+        unit='frames', low=2, high=100, dynamic=True,
+    )
+    sequence_regions: str = parameter(
+        'own', 'Which salient regions of the frames of a sequence are compared: own takes those '
+        'of each frame, as the paper says, newest those of the newest frame for all, as its '
+        'authors released it.', choices=('own', 'newest'),
+    )
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        if self.min_length > self.max_length:
+            raise ConfigError(
+                f'min_length: {self.min_length} is above max_length, {self.max_length}'
+            )
 
     @property
     def window(self) -> int:
@@ -121,9 +152,9 @@ class AcceptanceConfig(Checked):
 
     acceptance_rule: str = parameter(
         'auto', 'How a match is accepted: belief needs a high probability after all frames so '
-        'far, margin needs a higher score than the best rival, auto is belief with coherent '
-        'matching and margin with the others.',
-        choices=('auto', 'belief', 'margin'),
+        'far, margin needs a higher score than the best rival, always accepts the best candidate, '
+        'as in the paper, auto is belief with coherent matching and margin with the others.',
+        choices=('auto', 'belief', 'margin', 'always'),
     )
     min_confidence: float = parameter(
         0.9, 'With the belief rule, a match is accepted if the probability that it is right is '
@@ -281,6 +312,10 @@ class Config:
         if self.acceptance.acceptance_rule == 'belief' and self.matching.matching != 'coherent':
             raise ConfigError(
                 f'acceptance_rule: belief needs matching: coherent, not {self.matching.matching}'
+            )
+        if self.sequence.sequence_regions == 'newest' and self.matching.matching != 'regional':
+            raise ConfigError(
+                f'sequence_regions: newest needs matching: regional, not {self.matching.matching}'
             )
 
     @property

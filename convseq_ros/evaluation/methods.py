@@ -14,6 +14,7 @@ from convseq_ros.baselines import seqslam
 from convseq_ros.baselines.loop_detector import ALPHA
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
+from convseq_ros.config.paper import PAPER
 from convseq_ros.config.parameter import Value
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ConfigError, pip_install, SourceError
@@ -41,8 +42,12 @@ def _unit(rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 Gray = npt.NDArray[np.uint8]
 Vectors = npt.NDArray[np.float32]  # (N, n), a descriptor an image
-_PUBLISHED: Mapping[str, Value] = {'matching': 'regional', 'search': 'exhaustive'}
-_ANSWERS_ALWAYS: Mapping[str, Value] = {'acceptance_rule': 'margin', 'min_margin': 0.0}
+# The recogniser takes the scores of a baseline, and accepts every best candidate.
+_GIVEN: Mapping[str, Value] = {
+    'matching': 'regional',
+    'search': 'exhaustive',
+    'acceptance_rule': 'always',
+}
 
 
 _PATTERN = re.compile(
@@ -147,10 +152,11 @@ def make_method(name: MethodName, config: Config) -> Method:
     length = kind.length if name.length is None else name.length
     if length is not None:
         values.setdefault('fixed_length', length)
-    if values.get('fixed_length'):
+    chosen = overridden(config, {**kind.settings, **values})
+    if values.get('fixed_length') and chosen.believes and 'acceptance_rule' not in values:
         # A fixed length decides by the margin of its frames; the belief would use all past frames.
-        values.setdefault('acceptance_rule', 'margin')
-    return Method(name, kind, overridden(config, {**kind.settings, **values}))
+        chosen = overridden(chosen, {'acceptance_rule': 'margin'})
+    return Method(name, kind, chosen)
 
 
 def _core(material: Material, name: MethodName, config: Config) -> PairScores:
@@ -280,11 +286,12 @@ def _by_cosine(query: Vectors, reference: Vectors, encode_ms: float | None = Non
     return PairScores(scores, encode_ms, row_ms, place_bytes=reference[0].nbytes)
 
 
-_baseline = partial(Kind, settings={**_PUBLISHED, **_ANSWERS_ALWAYS})
+_baseline = partial(Kind, settings=_GIVEN)
 
 KINDS: Mapping[str, Kind] = {
     'convseq': Kind(_core, None, recognizer=True),
-    'cohog': Kind(_core, 1, {**_PUBLISHED, **_ANSWERS_ALWAYS}, recognizer=True),
+    'paper': Kind(_core, None, PAPER, recognizer=True),
+    'cohog': Kind(_core, 1, PAPER, recognizer=True),
     'seqslam': _baseline(_seqslam, seqslam.LENGTH),
     'hog': _baseline(_hog, needs=('skimage', 'scikit-image')),
     'orb-bow': _baseline(_peer, options=peers.OPTIONS),

@@ -6,15 +6,15 @@ import csv
 from pathlib import Path
 import sys
 
+from convseq_ros.cli.options import read_parameter_file
 from convseq_ros.config import (
     Config,
     EncodingConfig,
     EVERY_FRAME,
-    MatchingConfig,
+    make_config,
     SequenceConfig,
     with_values,
 )
-from convseq_ros.core.decision.paper.diagonals import sequence_scores
 from convseq_ros.core.decision.paper.length import choose_length
 from convseq_ros.core.encoding.descriptor import describe, local_entropy
 from convseq_ros.core.encoding.regions import paper_regions
@@ -30,7 +30,8 @@ import numpy as np
 import pytest
 
 LINEAR = EncodingConfig(resize='linear')  # as in the restatement
-GOLDEN = Path(__file__).resolve().parents[1] / 'golden'
+REPOSITORY = Path(__file__).resolve().parents[2]
+GOLDEN = REPOSITORY / 'test' / 'golden'
 COUNT = 8
 
 
@@ -117,9 +118,10 @@ def test_the_recogniser_gives_the_same_lengths_scores_and_best_matches(images, d
             assert match.best.reference_index == expected.argmax()
 
 
-# Every so many of the queries, and those from a number on: their lengths differ.
-FEW, FIRST = 4, 60
-ET_04 = EncodingConfig(resize='linear', saliency_threshold=0.4)
+# The paper's method, as users choose it; recordings of which are given as the released code
+# decoded them. It reads ahead from the oldest frame of a sequence, and online the newest is the
+# first: so the drive is driven backwards, in a map of the other one backwards.
+PAPERS = REPOSITORY / 'config' / 'paper.yaml'
 
 
 def from_bgr(path):
@@ -130,55 +132,29 @@ def straight_to_grey(path):
     return cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
 
 
-def drive(folder, decode, config=LINEAR):
-    return [describe(decode(path), config) for path in sorted(folder.glob('*.jpg'))]
+class Published:
+    """The answers of config/paper.yaml, changed, to drives that are driven backwards."""
 
-
-@pytest.fixture(scope='module')
-def corridor(shared_data):
-    return shared_data / 'corridor'
-
-
-@pytest.fixture(scope='module')
-def cohog_scores(corridor):
-    references = [paper_regions(one.cells) for one in drive(corridor / 'ref', from_bgr, ET_04)]
-    queries = drive(corridor / 'query', from_bgr, ET_04)[::FEW]
-    return np.stack([pair_scores(salient(query), references) for query in queries])
-
-
-@pytest.mark.parametrize(
-    ('name', 'tolerance'),
-    [('reference_cohog_corridor_ET04_111x111', 1e-4), ('vprbench_cohog_scores', 3e-3)],
-)
-def test_single_frame_scores_are_those_of_cohog(corridor, cohog_scores, name, tolerance):
-    golden = np.load(corridor / 'golden' / f'{name}.npy', allow_pickle=False)[::FEW]
-    assert np.abs(cohog_scores - golden).max() < tolerance
-
-
-@pytest.fixture(scope='module')
-def released(corridor):
-    """Return the queries, and each region's best similarity to each reference, unmasked."""
-    queries, references = (drive(corridor / name, straight_to_grey) for name in ('query', 'ref'))
-    queries, other = queries[FIRST:], [paper_regions(one.cells).T for one in references]
-    best = [
-        np.stack([(own @ each).max(axis=1) for each in other])
-        for own in (paper_regions(one.cells) for one in queries)
-    ]
-    return queries, best
-
-
-def forward_results(queries, best, rule):
-    """Return (query, reference, score, k, entropy) with the first frame's mask for all frames."""
-    similarity = PaperSimilarity()
-    for anchor, first in enumerate(queries):
-        k = choose_length(queries[anchor:], similarity, rule)
-        if k is None:
-            continue
-        rows = [each[:, first.salient].mean(axis=1) for each in best[anchor : anchor + k]]
-        # In a map that is read from its end, later references are earlier ones.
-        scores = sequence_scores([row[::-1] for row in rows])[::-1]
-        entropy = np.mean([one.entropy for one in queries[anchor : anchor + k]])
-        yield anchor, int(scores.argmax()), float(scores.max()), k, entropy
+    def __init__(self, query, reference, decode, **changes):
+        config = make_config(read_parameter_file(PAPERS) | changes)
+        queries, references = (
+            [decode(path) for path in sorted(folder.glob('*.jpg'))][::-1]
+            for folder in (query, reference)
+        )
+        self.described = [describe(gray, config.encoding) for gray in queries][::-1]
+        reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
+        for index, gray in enumerate(references):
+            cells = describe(gray, config.encoding).cells
+            reference_map.add(Place(index), pack_cells(cells))
+        recognizer, self.answers = PlaceRecognizer(reference_map, config), []
+        last = len(references) - 1
+        for index, (gray, descriptor) in enumerate(
+            zip(queries, self.described[::-1], strict=True)
+        ):
+            match = recognizer.process(Frame(index, gray), descriptor)
+            if best := match.accepted:
+                answer = last - best.reference_index, best.score, match.sequence_length
+                self.answers.insert(0, (len(queries) - 1 - index, *answer))
 
 
 def golden_rows(path):
@@ -186,26 +162,64 @@ def golden_rows(path):
         return [[float(value) for value in row] for row in csv.reader(file)]
 
 
-def test_dynamic_lengths_entropies_and_scores_are_those_of_the_released_script(corridor, released):
-    golden = golden_rows(corridor / 'golden' / 'authors_dynamic_corridor.csv')[FIRST:]
-    found = list(forward_results(*released, SequenceConfig()))
-    assert len(found) == len(golden) == 37
-    for ours, theirs in zip(found, golden, strict=True):
-        assert ours[3] == theirs[3]
-        assert ours[4] == pytest.approx(theirs[4], abs=1e-6)
-        assert ours[2] == pytest.approx(theirs[2], abs=1e-5)
-        assert (FIRST + ours[0], ours[1]) == (theirs[0], theirs[1])
+@pytest.fixture(scope='module')
+def corridor(shared_data):
+    return shared_data / 'corridor'
+
+
+def on(corridor, decode, **changes):
+    return Published(corridor / 'query', corridor / 'ref', decode, **changes)
+
+
+AT_04 = {'saliency_threshold': 0.4, 'fixed_length': 1}
+
+
+def test_all_scores_of_single_frames_are_those_of_cohog(corridor):
+    config = make_config(read_parameter_file(PAPERS) | AT_04)
+    queries, references = (
+        [describe(from_bgr(path), config.encoding) for path in sorted(folder.glob('*.jpg'))]
+        for folder in (corridor / 'query', corridor / 'ref')
+    )
+    _, exact = chosen_kernels(config.matching)
+    prepared = [exact.prepare(one.cells, None) for one in references]
+    rows = [exact.compare(exact.extract(one, 0.0, None), prepared)[0] for one in queries]
+    golden = golden_rows_of(corridor, 'reference_cohog_corridor_ET04_111x111')
+    assert np.abs(np.array(rows) - golden).max() < 1e-4
+    assert np.abs(rows - golden_rows_of(corridor, 'vprbench_cohog_scores')).max() < 3e-3
+
+
+def test_all_answers_to_single_frames_are_those_of_cohog(corridor):
+    golden = golden_rows_of(corridor, 'reference_cohog_corridor_ET04_111x111')
+    found = on(corridor, from_bgr, **AT_04).answers
+    assert [best for _, best, _, _ in found] == golden.argmax(axis=1).tolist()
+    # A map keeps cells in half precision: in one image that takes away a region's faint gradient.
+    assert [score for _, _, score, _ in found] == pytest.approx(golden.max(axis=1), abs=2e-3)
+
+
+def golden_rows_of(corridor, name):
+    return np.load(corridor / 'golden' / f'{name}.npy', allow_pickle=False)
+
+
+@pytest.mark.parametrize(('name', 'length'), [('dynamic', 0), ('static_k10', 10)])
+def test_all_answers_are_those_of_the_released_script(corridor, name, length):
+    golden = golden_rows(corridor / 'golden' / f'authors_{name}_corridor.csv')
+    found = on(corridor, straight_to_grey, fixed_length=length)
+    assert len(found.answers) == len(golden) == (102 if length else 97)
+    for (query, best, score, k), theirs in zip(found.answers, golden, strict=True):
+        assert (query, best) == (theirs[0], theirs[1])
+        # By a map, which keeps cells in half precision.
+        assert score == pytest.approx(theirs[2], abs=2e-5)
+        if not length:
+            assert k == theirs[3]
+            entropy = np.mean([one.entropy for one in found.described[query : query + k]])
+            assert entropy == pytest.approx(theirs[4], abs=1e-6)
 
 
 @pytest.mark.once
-def test_retrieved_images_are_those_of_the_cohog_authors(shared_data):
+def test_all_retrieved_images_are_those_of_the_cohog_authors(shared_data):
     folder = shared_data / 'gardens_point'
     with (folder / 'golden' / 'cohog_day_left_to_day_right.csv').open() as file:
-        golden = [int(row['retrieved_day_right']) for row in csv.DictReader(file)][::FEW]
-    # By the fastest kernel that is exact; the definition itself is asked on corridor.
-    _, exact = chosen_kernels(MatchingConfig(matching='regional'))
-    references = [exact.prepare(one.cells, None) for one in drive(folder / 'day_right', from_bgr)]
-    asked = drive(folder / 'day_left', from_bgr)[::FEW]
-    queries = [exact.extract(one, 4.0, None) for one in asked]
-    found = [int(exact.compare(query, references)[0].argmax()) for query in queries]
-    assert sum(a == b for a, b in zip(found, golden, strict=True)) >= 49
+        golden = [int(row['retrieved_day_right']) for row in csv.DictReader(file)]
+    drives = folder / 'day_left', folder / 'day_right'
+    found = Published(*drives, straight_to_grey, fixed_length=1)
+    assert [best for _, best, _, _ in found.answers] == golden

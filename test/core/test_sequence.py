@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from convseq_ros.config import EncodingConfig, SequenceConfig
 from convseq_ros.core.decision.paper.diagonals import diagonal, sequence_scores
 from convseq_ros.core.decision.paper.length import choose_length
-from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
+from convseq_ros.core.decision.paper.query_buffer import BufferedFrame, QueryBuffer
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.graph.links import SessionBounds
 from convseq_ros.core.types import Descriptor
@@ -60,6 +60,12 @@ def test_fixed_length_ignores_similarity_and_entropy():
     fixed = SequenceConfig(fixed_length=10)
     assert length(frames(9), [1] * 9, fixed) is None
     assert length(frames(30, 0.1), [1] * 30, fixed) == 10
+
+
+def test_the_longest_and_the_shortest_chosen_length_are_kept():
+    short = SequenceConfig(max_length=8)
+    assert length(frames(30, 0.1), [1] * 30, short) == length(frames(30), [1] * 30, short) == 8
+    assert length(frames(30), [0] * 30, SequenceConfig(min_length=5)) == 5
 
 
 def test_uninformative_frames_are_passed_over():
@@ -157,6 +163,24 @@ def filled(scores):
         append(buffer)
         buffer.score(len(buffer), np.arange(REFERENCES))
     return matcher, buffer
+
+
+def test_frames_can_be_compared_by_the_regions_of_the_newest():
+    matcher, buffer = filled(drawn(5, 3))
+    asked = []
+    matcher.extract = lambda descriptor: (
+        asked.append(descriptor) or SimpleNamespace(frame=1, arranged=None)
+    )
+    some = SHOWN.salient.copy()
+    some[0] = False
+    buffer.frames[0] = replace(buffer.newest, descriptor=replace(SHOWN, salient=some))
+    buffer.frames.insert(1, BufferedFrame(NOTHING))
+    shared = buffer.with_regions_of_newest(4)
+    assert shared.newest is buffer.newest and len(shared) == 4
+    # The empty slot stays empty; of the others, only regions of the newest are compared.
+    assert [(one.salient == some).all() for one in asked] == [True, True]
+    assert [frame.features is None for frame in shared.frames] == [False, True, False, False]
+    assert np.isnan(shared.frames[2].row).all() and not np.isnan(buffer.frames[2].row).any()
 
 
 def drawn(seed, frames=1):

@@ -56,7 +56,7 @@ SCHEMA = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.ite
 # Settings of an encoding that a map stores, and those that must be the same for its queries.
 _LEFT_OUT = {'descriptor_model': '', 'keeps_cells': True}  # defaults, which are not stored
 _ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg', *_LEFT_OUT)
-_COMPARED = ('image_size_px', 'image_rotation_deg')
+_COMPARED = ('image_size_px', 'resize', 'image_rotation_deg')
 # The bits of a float16 as an integer: from here on it is infinite, not a number or negative.
 _FIRST_NOT_FINITE = 0x7C00
 

@@ -88,7 +88,7 @@ class MapReader:
         requested = with_mask_read(encoding or stored)
         if reason := self.settings.mismatch(requested, keyframes):
             raise MapError(f'{path}: {reason}')
-        kept = {name: getattr(stored, name) for name in ('resize', 'image_mask', 'keeps_cells')}
+        kept = {name: getattr(stored, name) for name in ('image_mask', 'keeps_cells')}
         self.encoding = replace(requested, **kept)
         self.keyframes = keyframes or self.settings.keyframes
         self._cell_shape = cell_shape(self.encoding.image_size_px)

@@ -73,6 +73,8 @@ def test_neighbours_of_another_session_are_rivals_and_tell_theirs(a_map):
 def test_the_margin_to_the_best_rival_decides(a_map, scores, reason):
     said, _ = decided(a_map, scores)
     assert said.reason is reason is decide_by_margin(said.candidates, RULE)
+    always, _ = decided(a_map, scores, replace(RULE, acceptance_rule='always'))
+    assert (always.reason, always.candidates) == (Reason.ACCEPTED, said.candidates)
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,9 @@ class PaperDecider:
 
     Notes
     -----
-    Departure: the paper always answers. Here the best must lead its best rival, more than
-    `rival_distance` away, by `min_margin`, because scores of unrelated places are nearly as high.
+    The paper always answers, as `acceptance_rule: always` does. With `margin` the best must lead
+    its best rival, more than `rival_distance` away, by `min_margin`, because scores of unrelated
+    places are nearly as high.
 
     """
 
@@ -26,6 +27,7 @@ class PaperDecider:
     def __init__(self, reference_map: ReferenceMap, coarse: AllPlaces, config: Config) -> None:
         self._map, self._coarse = reference_map, coarse
         self._listed = config.matching.shortlist_length
+        self._shares_regions = config.sequence.sequence_regions == 'newest'
 
     def reset(self) -> None:
         self._coarse.reset()
@@ -43,14 +45,20 @@ class PaperDecider:
             buffer.score(1, ends)  # these scores are cached for the next frames
             return Answer(Reason.WARMING_UP)
         # III-D: pair scores; III-G: sums along diagonals; the best sequences are the candidates.
+        if self._shares_regions:
+            buffer = buffer.with_regions_of_newest(length)
         buffer.score(length, ends)
         scores = buffer.best_scores(length, ends)
+        if buffer is not query.buffer:
+            query.buffer.pairs_scored = buffer.pairs_scored
         candidates = self._best(ends, scores, query.config.acceptance)
         if not candidates:
             starts = self._map.bounds.starts
             spans = np.diff(starts[starts < query.usable], append=query.usable)
             is_short = spans.max(initial=0) < length
             return Answer(Reason.MAP_TOO_SHORT if is_short else Reason.WARMING_UP, (), length)
+        if query.config.acceptance.acceptance_rule == 'always':
+            return Answer(Reason.ACCEPTED, candidates, length)
         return Answer(decide_by_margin(candidates, query.config.acceptance), candidates, length)
 
     def _best(self, ends: Indices, scores: Doubles, config: AcceptanceConfig) -> Candidates:

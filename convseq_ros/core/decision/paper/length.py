@@ -38,7 +38,8 @@ def choose_length(
 
     available, length = len(outward), config.fixed_length or config.min_length
     if not config.fixed_length:
-        while length < config.max_overlap_length and length <= available and overlaps(length):
+        most = min(config.max_overlap_length, config.max_length)
+        while length < most and length <= available and overlaps(length):
             length += 1
         entropies = [frame.entropy for frame in outward[:length] if frame.informative]
         while length < config.max_length and length <= available:

@@ -3,7 +3,7 @@
 """The rolling buffer of query frames and their pair scores (III-A)."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from convseq_ros.core.decision.paper.diagonals import ONE_SESSION, sequence_scores, Values
 from convseq_ros.core.geometry.verification import Verification, verify
@@ -84,6 +84,18 @@ class QueryBuffer:
             return
         for _ in range(missing):
             self._keep(BufferedFrame(blank), capacity)
+
+    def with_regions_of_newest(self, count: int) -> 'QueryBuffer':
+        """Return the `count` newest frames with the newest's salient regions, to be scored."""
+        shared, salient = QueryBuffer(self._matcher, self.bounds), self.newest.descriptor.salient
+        shared.frames = [self.newest]
+        for frame in self.frames[1:count]:
+            if frame.row is not None:
+                descriptor = replace(frame.descriptor, salient=salient)
+                row = np.full(len(frame.row), np.nan, np.float32)
+                frame = BufferedFrame(descriptor, self._matcher.extract(descriptor), row)
+            shared.frames.append(frame)
+        return shared
 
     def score(self, count: int, ends: Indices) -> None:
         """Score the pairs of the `count` newest frames on diagonals that end at `ends` (n,)."""
