@@ -34,8 +34,9 @@ class PoseGraphConfig(Checked):
         'keyframe of the graph.', unit='m', low=0.01, high=1000.0,
     )
     odometry_sigma_m: float = parameter(
-        0.05, 'Standard deviation of odometry after one metre, which grows with the square root '
-        'of the distance; a growing covariance of the messages counts instead.',
+        0.15, 'Standard deviation of odometry after one metre, which grows with the square root '
+        'of the distance: to 1.5 m after 100 m. A growing covariance of the messages counts '
+        'instead.',
         unit='m', low=1e-6, high=100.0,
     )
     odometry_sigma_rad: float = parameter(

@@ -36,6 +36,11 @@ class Edge:
     covariance: Matrix  # (6, 6), of x, y, z in metres and turns about them, in the end's axes
     is_link: bool
 
+    @property
+    def ends(self) -> tuple[int, int]:
+        """Both places."""
+        return self.start, self.end
+
 
 def edges_of(poses: Poses, session: Sequence[int], links: Iterable[Link]) -> Iterator[Edge]:
     """Yield odometry steps between successive poses of a session, then links with a position."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The robust solution of a pose graph, by GTSAM: wrong loop closures are ignored."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -29,21 +29,25 @@ class ROBUST:
 class Solution:
     """The optimised poses; for each usable link, in order, whether it counts and its error."""
 
-    values: Any  # the poses, as GTSAM has them
+    values: Any  # the poses, as GTSAM has them; those that are new or of use, if `whole` is given
     kept: tuple[bool, ...]
     errors: tuple[float, ...]  # in standard deviations
+    whole: Callable[[], Any] | None = None  # returns all poses
 
     def pose(self, index: int) -> Matrix:
         """Return one pose (4, 4)."""
-        return np.asarray(self.values.atPose3(index).matrix())
+        if self.values.exists(index):
+            return np.asarray(self.values.atPose3(index).matrix())
+        return self.poses[index]
 
     @cached_property
     def poses(self) -> dict[int, Matrix]:
         """All poses (4, 4) by index, ascending."""
-        rows = need_gtsam().utilities.extractPose3(self.values)  # rotations by rows, positions
+        values = self.whole() if self.whole else self.values
+        rows = need_gtsam().utilities.extractPose3(values)  # rotations by rows, positions
         poses = np.tile(np.eye(4), (len(rows), 1, 1))
         poses[:, :3, :3], poses[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
-        return dict(zip(self.values.keys(), poses, strict=True))
+        return dict(zip(values.keys(), poses, strict=True))
 
 
 def optimise(
