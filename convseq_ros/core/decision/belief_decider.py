@@ -74,7 +74,17 @@ class BeliefDecider:
         belief.update(
             observed.places, observed.log_ratios, entry, query.usable, query.session_start
         )
+        self._learn(observed)
         return self._answer(query, observed)
+
+    def _learn(self, observed: Observation) -> None:
+        """Take in what keypoints say of the asked place that is the likeliest by now."""
+        places, mass = self._belief.places, self._belief.mass
+        masses = {at: mass[self._near.mask(places, at, _WINDOW)].sum() for at in observed.asked}
+        if masses and observed.has_rivals:
+            likeliest = max(masses, key=lambda at: masses[at])
+            shown = min(1.0, float(masses[likeliest]))
+            self._observer.likelihood.learn(observed.asked[likeliest], shown)
 
     def _answer(self, query: Query, observed: Observation) -> Answer:
         belief, config = self._belief, query.config.acceptance
@@ -87,7 +97,8 @@ class BeliefDecider:
         is_sure = confidence >= config.min_confidence
         if is_sure and not self._prior.is_denied(best, query.session_start):
             reason, best = Reason.ACCEPTED, self._best_look(best, observed)
-            self._learn(best, observed)
+            self._prior.fix(best)
+            self._observer.end_search()
         elif (implausible_m := self._prior.implausible_m(best, query.session_start)) is not None:
             reason = Reason.IMPLAUSIBLE
         elif not observed.has_rivals:
@@ -106,14 +117,6 @@ class BeliefDecider:
             return strongest
         beside = [look for look in looks if look in self._map.bounds.around(best, 1)]
         return max(beside, key=lambda look: looks[look], default=best)
-
-    def _learn(self, best: int, observed: Observation) -> None:
-        """Update the odometry prior and the likelihood after a match."""
-        self._prior.fix(best)
-        self._observer.end_search()
-        near = self._near.mask(observed.places, best, _WINDOW)
-        is_shown = bool((observed.log_ratios[near] > 0).any())
-        self._observer.likelihood.confirm(is_shown)
 
     def _strengths(self, best: int, observed: Observation) -> dict[int, float]:
         """Return the verification scores of a place and of its looks that were verified."""

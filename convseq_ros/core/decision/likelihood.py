@@ -8,7 +8,7 @@ Two witnesses speak: cells (pair score and verification) and keypoints. What cou
 equation.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
 
@@ -27,17 +27,15 @@ class CELLS:
     """
 
     constant: float = -2.0  # without a lead
-    strength: float = 0.45  # per scale of the lead in strength
-    score: float = 0.45  # per scale of the lead in pair score ...
+    strength: float = 0.5  # per scale of the lead in strength
+    score: float = 0.5  # per scale of the lead in pair score ...
     most_scales: float = 5.0  # ... up to this many: one similar house can score like a street
+    works: float = 0.9  # probability that cells show a true place
     unrelated: float = 30.0  # median strength of unrelated images
     # Scale of the controls' pair scores before a drive has any, and the memory of both scales; the
-    # scale of strengths (of twice their square root) starts at 1. The power weakens the scale, as
-    # a drive reveals it late.
+    # scale of strengths (of twice their square root) starts at 1.
     prior_score: float = 0.008
     memory: float = 20.0  # frames
-    power: float = 0.7
-    works: float = 0.86  # probability, at first, that cells show a true place
 
 
 @constants
@@ -49,13 +47,14 @@ class KEYPOINTS:
     the drives of CELLS.
     """
 
-    usual_alike: float = 6.0  # lead of true places at first, in like light ...
+    usual: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0)  # leads that may be usual
+    usual_alike: float = 6.0  # the likeliest of them at first, in like light ...
     usual_otherwise: float = 2.0  # ... and in other light
+    spread: float = 0.5  # difference from the likeliest over which the probability falls by e
+    memory: float = 10.0  # frames from which the usual lead is learned
     sigma: float = 1.6  # of the leads of true places, and of others about 0
     floor: float = 2.0  # blocks that a rival has at least
-    works: float = 0.98  # probability that keypoints show a true place as they usually do
     surprising: float = 3.0  # log ratio of a lead that chance does not give
-    memory: float = 10.0  # frames beyond doubt from which the usual lead is learned
 
 
 @constants
@@ -66,13 +65,7 @@ class COPIES:
     along: float = 0.3  # share of drives elsewhere along which the strongest place moves, too
 
 
-@constants
-class SAME_LIGHT:
-    """Places of the running drive: light and camera are the same, and so is the strength."""
-
-    share: float = 0.6  # of the strength of the last two frames; below, a place is doubted ...
-    doubt: float = 2.5  # ... by this much per e-fold
-    least: float = -2.0
+UNVERIFIED = math.log(1 - CELLS.works)  # log ratio of places that are not verified
 
 
 class RecentMean:
@@ -130,8 +123,9 @@ class Asked:
     """A place that keypoints were asked about."""
 
     lead: float  # over the best of its rivals
-    ratio: float  # logarithm of the density ratio of the lead
+    ratio: float  # k of `Likelihood.asked`
     is_current: bool  # whether the place is of the running drive
+    is_like: bool  # whether drive and place are of like light
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -139,7 +133,7 @@ class Evidence:
     """What a frame shows of verified places, and how far the belief expected it."""
 
     cells: Doubles  # (n,), log ratios of `Leads.cells`
-    keypoints: Doubles  # (n,), log ratios of `Likelihood.keypoints`; 0 where not asked
+    keypoints: Doubles  # (n,), k of `Likelihood.asked`; 0 where not asked
     is_strongest: Flags  # (n,), which places lie at the strongest one
     follows: float  # share of the belief's places, in [0, 1], that predicted the strongest one
     chance: float  # that the strongest place of a drive elsewhere lies there, in (0, 1]
@@ -155,39 +149,25 @@ class Likelihood:
     def reset(self) -> None:
         self._strength_scale = RecentMean(1.0, CELLS.memory / 2)
         self._score_scale = RecentMean(CELLS.prior_score, CELLS.memory / 2)
-        self._missed = RecentMean(1 - CELLS.works, CELLS.memory / 2)
-        self._usual: dict[bool, float] = {}  # learned lead of true places, by `is_current`
-
-    @property
-    def cells_work(self) -> float:
-        """The probability that cells show a true place on this drive."""
-        return 1 - max(self._missed.value, 0.02)
-
-    @property
-    def unverified(self) -> float:
-        """The log ratio of places that were not verified."""
-        return math.log(1 - self.cells_work)
+        self._usual: dict[bool, Doubles] = {}  # learned probabilities (5,), by `is_current`
 
     def log_ratios(self, evidence: Evidence) -> Doubles:
         """
         Return the logarithms (n,) of the likelihood ratios of verified places.
 
-        With the density ratio e^c of the cells, that of the keypoints, e^k, and the probabilities
-        r and s that cells and keypoints work here, the ratio is
+        With the density ratio e^c of the cells, the probability r that they show a true place,
+        and the density ratio e^k of the keypoints, the ratio is
 
-            R = (r e^c / q + 1 - r) (s e^k + 1 - s),  divided by  1 + a max R  down to 1
+            R = (r e^c / q + 1 - r) e^k,  divided by  1 + a max R  down to 1
 
         q is the chance that the strongest place of the map lies where it lies, if the drive is
-        elsewhere: 17 in N, or more if the belief followed it, since the strongest place moves
+        elsewhere: 9 in N, or more if the belief followed it, since the strongest place moves
         along in a share of copies; for all other places q is 1. a is the share of frames elsewhere
         that look like the best place in every respect, so no frame decides alone.
         """
-        works, gain = (
-            self.cells_work,
-            gain_of(evidence.follows, evidence.chance, evidence.affirmed),
-        )
-        spoken = math.log(works) + evidence.cells + gain * evidence.is_strongest
-        total = np.logaddexp(spoken, math.log(1 - works)) + evidence.keypoints
+        gain = gain_of(evidence.follows, evidence.chance, evidence.affirmed)
+        spoken = math.log(CELLS.works) + evidence.cells + gain * evidence.is_strongest
+        total = np.logaddexp(spoken, math.log(1 - CELLS.works)) + evidence.keypoints
         bound = np.logaddexp(0.0, total.max() + math.log(COPIES.all))
         return np.asarray(np.minimum(total, np.maximum(total - bound, 0.0)))
 
@@ -199,78 +179,71 @@ class Likelihood:
         """
         roots = 2 * np.sqrt(strengths)
         hardest = roots[is_rival].max(initial=0.0) or 2 * math.sqrt(CELLS.unrelated)
-        lead = (roots - hardest) / self._strength_scale.value**CELLS.power
+        lead = (roots - hardest) / self._strength_scale.value
         above = scores - (scores[is_rival].max() if is_rival.any() else scores.max())
-        prior = CELLS.prior_score ** (1 - CELLS.power)
-        above /= self._score_scale.value**CELLS.power * prior
+        above /= self._score_scale.value
         for scale, best in ((self._strength_scale, roots), (self._score_scale, scores)):
             if (gap := gumbel_scale(best[is_rival])) is not None:
                 scale.add(gap)
         return Leads(lead, above.clip(-CELLS.most_scales, CELLS.most_scales))
 
     def asked(
-        self, blocks: Mapping[int, int], current: Mapping[int, bool], is_alike: bool
+        self,
+        blocks: Mapping[int, int],
+        current: Mapping[int, bool],
+        is_alike: bool,
+        is_near: Callable[[int, int], bool],
     ) -> dict[int, Asked]:
         """
         Return the answers of the keypoints about places, from their agreeing blocks.
 
-        Leads are normal, with the mean u at true places and 0 elsewhere, so the log ratio of a
-        lead x is u (x - u / 2) / sigma^2: where keypoints do not repeat, u is 0 and they are
-        silent. Places that both lead over chance show the same scene: neither is a rival.
+        Leads are normal, with a mean u at true places and 0 elsewhere. How large u is, depends on
+        drive and map, so the ratio e^k of a lead x is the mean over the leads that may be usual,
+
+            k = log sum_u p(u) exp(u (x - u / 2) / sigma^2)
+
+        Where keypoints do not repeat, u is 0 and they are silent. Places that are near each other,
+        and places that both lead over chance, show the same scene: neither is a rival.
         """
         roots = {place: 2 * math.sqrt(count) for place, count in blocks.items()}
         least = 2 * math.sqrt(KEYPOINTS.floor)
 
-        def ratio(place: int, lead: float) -> float:
-            usual = self._usual_lead(current[place], is_alike)
-            return usual * (lead - usual / 2) / KEYPOINTS.sigma**2
+        def answer(place: int, lead: float) -> Asked:
+            is_like = current[place] or is_alike
+            usual = self._usual_leads(current[place], is_like)
+            return Asked(lead, math.log(usual @ _usual_ratios(lead)), current[place], is_like)
 
-        scenes = {p for p, root in roots.items() if ratio(p, root - least) > KEYPOINTS.surprising}
+        scenes = {p for p in roots if answer(p, roots[p] - least).ratio > KEYPOINTS.surprising}
         answers = {}
         for place, root in roots.items():
             shown = scenes if place in scenes else {place}
-            rivals = [roots[other] for other in roots if other not in shown]
-            lead = root - max([least, *rivals])
-            answers[place] = Asked(lead, ratio(place, lead), current[place])
+            rivals = [roots[p] for p in roots if p not in shown and not is_near(p, place)]
+            answers[place] = answer(place, root - max([least, *rivals]))
         return answers
 
-    def keypoints(self, answer: Asked) -> float:
-        """Return the log ratio of a place by keypoints; they may fail to show a true place."""
-        works = KEYPOINTS.works
-        return float(np.logaddexp(math.log(works) + answer.ratio, math.log(1 - works)))
+    def learn(self, answer: Asked, mass: float) -> None:
+        """Take in the lead of a place that the frame shows with a probability of `mass`."""
+        usual = self._usual_leads(answer.is_current, answer.is_like)
+        usual = usual * (1 - mass + mass * _usual_ratios(answer.lead))
+        forgotten = (_usual_at_first(answer.is_like) - usual / usual.sum()) / KEYPOINTS.memory
+        self._usual[answer.is_current] = usual / usual.sum() + forgotten
 
-    def learn(self, answer: Asked, cells: float, is_alike: bool) -> None:
-        """
-        Take in what keypoints said of the strongest place, if cells leave no doubt of it.
-
-        `cells` is its log ratio by cells. Copies are not that strong, so they teach nothing.
-        """
-        if cells > KEYPOINTS.surprising:
-            usual = self._usual_lead(answer.is_current, is_alike)
-            learned = max(0.0, usual + (answer.lead - usual) / KEYPOINTS.memory)
-            self._usual[answer.is_current] = learned
-
-    def _usual_lead(self, is_current: bool, is_alike: bool) -> float:
-        is_like = is_current or is_alike
-        start = KEYPOINTS.usual_alike if is_like else KEYPOINTS.usual_otherwise
-        return self._usual.get(is_current, start)
-
-    def confirm(self, is_shown: bool) -> None:
-        """Take in a match: whether the newest frame alone speaks for it."""
-        self._missed.add(not is_shown)
+    def _usual_leads(self, is_current: bool, is_like: bool) -> Doubles:
+        """Return the probabilities (5,) of the leads that may be usual."""
+        return self._usual.get(is_current, _usual_at_first(is_like))
 
 
-def doubts(strengths: Doubles, is_current: Flags, step: Verification | None) -> Doubles:
-    """
-    Return log ratios (n,), at most 0, against weak places of the running drive.
+def _usual_ratios(lead: float) -> Doubles:
+    """Return the density ratios (5,) of a lead, by the lead that is usual."""
+    usual = np.array(KEYPOINTS.usual)
+    return np.asarray(np.exp(usual * (lead - usual / 2) / KEYPOINTS.sigma**2))
 
-    `step` is the verification of the last two frames of the drive, in the same light.
-    """
-    if step is None:
-        return np.zeros(len(strengths))
-    share = np.log(strengths) - math.log(strength_of(step)) - math.log(SAME_LIGHT.share)
-    doubted = (SAME_LIGHT.doubt * share).clip(SAME_LIGHT.least, 0.0)
-    return np.where(is_current, doubted, 0.0)
+
+def _usual_at_first(is_like: bool) -> Doubles:
+    """Return the probabilities (5,) of the leads that may be usual, before a drive shows any."""
+    likeliest = KEYPOINTS.usual_alike if is_like else KEYPOINTS.usual_otherwise
+    falls = np.exp(-abs(np.array(KEYPOINTS.usual) - likeliest) / KEYPOINTS.spread)
+    return np.asarray(falls / falls.sum())
 
 
 def strength_of(result: Verification) -> float:

@@ -16,13 +16,13 @@ from convseq_ros.core.decision.decider import distinct_peaks, Query
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import (
     Asked,
-    doubts,
     Evidence,
     gain_of,
     KEYPOINTS,
     Leads,
     Likelihood,
     strength_of,
+    UNVERIFIED,
 )
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
@@ -52,9 +52,10 @@ class OBSERVED:
     beside: int = 2  # places to either side of the best that are verified, too
     fewest: int = 8  # controls that must be scored; with fewer, no place has a positive ratio
     loss: float = 0.25  # log ratio per place of distance from a place that leads, for those beside
-    asked: int = (
-        3  # strongest places, apart, that keypoints are asked about, and the likeliest one
-    )
+    # Keypoints are asked about the strongest places, apart, and the likeliest one, unless the
+    # frame is expected with this share of the doubt that a match may leave, and cells agree.
+    asked: int = 3
+    doubt: float = 0.1
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -148,12 +149,12 @@ class Observer:
         peaks: Sequence[int],
     ) -> Observation:
         likelihood, buffer = self.likelihood, query.buffer
-        log_ratios = np.full(len(places), likelihood.unverified)
+        log_ratios = np.full(len(places), UNVERIFIED)
         if not verified:
             return Observation(places, log_ratios, verified, False)
         order = sorted(verified)
         examined, is_peak = np.array(order), np.array([place in peaks for place in order])
-        at, is_current = np.searchsorted(places, examined), examined >= query.session_start
+        at = np.searchsorted(places, examined)
         strengths = np.array([strength_of(verified[place]) for place in order])
         best = int(examined[strengths.argmax()])
         is_rival = is_peak & ~self._near.mask(examined, best)
@@ -161,17 +162,18 @@ class Observer:
         leads = likelihood.leads(strengths, scores[at], is_rival)
         newest = buffer.newest.descriptor
         is_alike = self._witness.is_like(query.frame, newest, query.usable)
-        chance = min(1.0, (2 * LINKS.beside + 1) / query.usable)
+        chance = min(1.0, (LINKS.beside + 1) / query.usable)
         is_followed, mass = belief.elsewhere < 1, self._mass(belief, best, OBSERVED.beside)
         follows = mass / (1 - belief.elsewhere) if is_followed else 0.0
         held = self._mass(belief, best, LINKS.beside // 2)
-        is_sure = held >= query.config.acceptance.min_confidence
+        doubted = 1 - query.config.acceptance.min_confidence
+        is_sure = 1 - held <= OBSERVED.doubt * doubted
         by_cells = leads.cells.max() + gain_of(follows, chance)
         asked = dict[int, Asked]()
         if not is_sure or by_cells < KEYPOINTS.surprising:
             strongest = examined[np.argsort(-strengths, kind='stable')]
             asked = self._asked(query, belief, strongest, is_alike)
-        spoken = {place: likelihood.keypoints(answer) for place, answer in asked.items()}
+        spoken = {place: answer.ratio for place, answer in asked.items()}
         evidence = Evidence(
             leads.cells,
             self._said(examined, spoken),
@@ -180,18 +182,12 @@ class Observer:
             chance,
             math.exp(spoken.get(best, 0.0)),
         )
-        if best in asked and has_rivals:
-            likelihood.learn(asked[best], leads.cells[examined == best][0], is_alike)
         # A single frame hardly distinguishes a place from its neighbours.
         log_ratios[at] = self._near.best_beside(
             examined, examined, likelihood.log_ratios(evidence), OBSERVED.beside, OBSERVED.loss
         )
         if not has_rivals:  # no place is likelier than elsewhere
             log_ratios = np.minimum(log_ratios, 0.0)
-        step = buffer.verified_step if is_current.any() else None
-        doubted = doubts(strengths, is_current, step)
-        log_ratios[at] = np.where(doubted < 0, np.minimum(log_ratios[at], 0.0), log_ratios[at])
-        log_ratios[at] += doubted
         return Observation(places, log_ratios, verified, has_rivals, leads, asked)
 
     def _mass(self, belief: Belief, place: int, distance: int) -> float:
@@ -205,7 +201,7 @@ class Observer:
         Keypoints that deny a place deny those beside it, too.
         """
         asked, ratios = np.array([*spoken], np.int64), np.array([*spoken.values()])
-        near = self._near.best_beside(places, asked, ratios, OBSERVED.beside)
+        near = self._near.best_beside(places, asked, ratios, LINKS.beside // 2)
         denied = np.where(np.isfinite(near), np.minimum(near, 0.0), 0.0)
         own = zip(places.tolist(), denied.tolist(), strict=True)
         return np.array([spoken.get(place, ratio) for place, ratio in own])
@@ -214,15 +210,19 @@ class Observer:
         self, query: Query, belief: Belief, strongest: Indices, is_alike: bool
     ) -> dict[int, Asked]:
         """
-        Return what keypoints say of the strongest places that are apart and the likeliest one.
+        Return what keypoints say of the strongest places that are apart and of the likeliest one.
 
-        `strongest` are the verified places (n,), best first. Empty without keypoints.
+        `strongest` are the verified places (n,), best first. The likeliest place is not asked if
+        one beside it is. Empty without keypoints.
         """
-        newest, chosen, likeliest = query.buffer.newest, list[int](), belief.likeliest(1)
-        known = [place for place in likeliest if place in strongest]
-        for place in [*strongest.tolist(), *known]:
+        newest, chosen = query.buffer.newest, list[int]()
+        for place in strongest.tolist():
             is_apart = not any(self._near.is_near(place, other) for other in chosen)
-            if is_apart and (len(chosen) < OBSERVED.asked or place in known):
+            if is_apart and len(chosen) < OBSERVED.asked:
+                chosen.append(place)
+        for place in belief.likeliest(1):
+            is_beside = self._near.beside(np.array(chosen), place, OBSERVED.beside)
+            if place in strongest and not is_beside.any():
                 chosen.append(place)
         # Nothing is detected in a frame that cannot be compared.
         chosen = [place for place in chosen if self._witness.knows(place)]
@@ -236,13 +236,13 @@ class Observer:
             place: self._witness.blocks(keypoints, place, motion(place), side) for place in chosen
         }
         current = {place: place >= query.session_start for place in blocks}
-        return self.likelihood.asked(blocks, current, is_alike)
+        return self.likelihood.asked(blocks, current, is_alike, self._near.is_near)
 
     def _with(self, observed: Observation, believed: Indices) -> Observation:
         """Return an observation with more places; low ratios spread to unverified neighbours."""
         places = np.union1d(observed.places, believed)
         examined = np.array(sorted(observed.verified), np.int64)
-        log_ratios = np.full(len(places), self.likelihood.unverified)
+        log_ratios = np.full(len(places), UNVERIFIED)
         at = np.searchsorted(places, observed.places)
         log_ratios[at] = observed.log_ratios
         if not len(examined):

@@ -6,7 +6,6 @@ import math
 
 from convseq_ros.core.decision.likelihood import (
     Asked,
-    doubts,
     Evidence,
     gumbel_scale,
     Leads,
@@ -37,24 +36,21 @@ def bounded(value):
     ('evidence', 'expected'),
     [
         ({}, 1.0),
-        ({'cells': math.log(10)}, 0.86 * 10 + 0.14),
-        ({'cells': -40.0}, 0.14),  # cells may fail to show a true place
+        ({'cells': math.log(10)}, 0.9 * 10 + 0.1),
+        ({'cells': -40.0}, 0.1),  # cells may fail to show a true place
         # The strongest place of a drive elsewhere lies anywhere: 1 in 100 here.
-        ({'is_strongest': True}, 0.86 * 100 + 0.14),
-        ({'is_strongest': True, 'chance': 0.5}, 0.86 * 2 + 0.14),
+        ({'is_strongest': True}, 0.9 * 100 + 0.1),
+        ({'is_strongest': True, 'chance': 0.5}, 0.9 * 2 + 0.1),
         # If the belief predicted it: as a copy would, in 30 % of drives past copies.
-        ({'is_strongest': True, 'follows': 1.0}, 0.86 / 0.31 + 0.14),
-        ({'is_strongest': True, 'follows': 0.5}, 0.86 / 0.16 + 0.14),
+        ({'is_strongest': True, 'follows': 1.0}, 0.9 / 0.31 + 0.1),
+        ({'is_strongest': True, 'follows': 0.5}, 0.9 / 0.16 + 0.1),
         ({'is_strongest': True, 'follows': 1.0, 'chance': 1.0}, 1.0),
         # Keypoints that deny make a copy likelier; those that affirm are counted by themselves.
-        (
-            {'is_strongest': True, 'follows': 1.0, 'affirmed': 0.1},
-            0.86 / (0.3 / 0.37 + 0.01) + 0.14,
-        ),
-        ({'is_strongest': True, 'follows': 1.0, 'affirmed': 50.0}, 0.86 / 0.31 + 0.14),
+        ({'is_strongest': True, 'follows': 1.0, 'affirmed': 0.1}, 0.9 / (0.3 / 0.37 + 0.01) + 0.1),
+        ({'is_strongest': True, 'follows': 1.0, 'affirmed': 50.0}, 0.9 / 0.31 + 0.1),
         ({'follows': 1.0, 'affirmed': 0.1}, 1.0),  # of another place
         ({'keypoints': math.log(20)}, 20.0),
-        ({'cells': math.log(10), 'keypoints': math.log(0.1)}, 0.874),
+        ({'cells': math.log(10), 'keypoints': math.log(0.1)}, 0.91),
         ({'cells': 300.0, 'keypoints': 20.0, 'is_strongest': True}, 1e100),
     ],
 )
@@ -68,12 +64,12 @@ def test_the_bound_is_the_same_for_all_places_of_a_frame():
     first, second, third, fourth = Likelihood().log_ratios(seen)
     assert first == pytest.approx(-math.log(ALL), abs=1e-3)
     assert first - second == pytest.approx(3, abs=1e-3)  # the cells tell them apart
-    assert third == 0 and fourth == pytest.approx(math.log(0.14))  # the bound denies no place
+    assert third == 0 and fourth == pytest.approx(math.log(0.1))  # the bound denies no place
 
 
 def test_density_ratios_of_cells_are_linear_in_both_leads():
     leads = Leads(np.array([0.0, 5.0, 0.0]), np.array([0.0, 0.0, -2.0]))
-    assert leads.cells.tolist() == pytest.approx([-2.0, 0.25, -2.9])
+    assert leads.cells.tolist() == pytest.approx([-2.0, 0.5, -3.0])
 
 
 def test_leads_are_over_the_strongest_and_the_best_rival():
@@ -97,24 +93,9 @@ def test_the_gaps_between_rivals_are_the_scale_of_later_leads():
     later = likelihood.leads(strengths, np.array([0.11, 0.10, 0.1, 0.1]), rivals)
     # Gaps of 2 and 1 in twice the roots, of 0.01 in the scores: scales of 2 and 0.015.
     scale = (0.95 * 10 * 1.0 + 2) / 10.5
-    assert later.strength[0] == pytest.approx(10 / scale**0.7)
+    assert later.strength[0] == pytest.approx(10 / scale)
     scale = (0.95 * 10 * 0.008 + 0.015) / 10.5
-    assert later.score[0] == pytest.approx(0.01 / (scale**0.7 * 0.008**0.3))
-
-
-def test_the_chance_that_cells_work_is_learned_from_matches():
-    missed, shown = Likelihood(), Likelihood()
-    missed.confirm(False)
-    shown.confirm(True)
-    assert missed.cells_work == pytest.approx(1 - (0.95 * 1.4 + 1) / 10.5)
-    assert shown.cells_work == pytest.approx(1 - 0.95 * 1.4 / 10.5)
-    assert ratio(-40.0, seen=missed) == pytest.approx(bounded(1 - missed.cells_work))
-    assert shown.unverified == pytest.approx(math.log(0.95 * 1.4 / 10.5))
-    for _ in range(200):
-        shown.confirm(True)
-    assert shown.cells_work == 0.98
-    shown.reset()
-    assert shown.cells_work == pytest.approx(0.86)
+    assert later.score[0] == pytest.approx(0.01 / scale)
 
 
 NEW = {1: False, 2: False}  # places of earlier drives
@@ -124,68 +105,92 @@ OURS = {1: True, 2: True}  # of the running one
 LEAST = 2 * 2**0.5  # twice the root of the blocks that chance gives
 
 
-def normal(lead, usual):
-    """Return the log ratio of a lead: normal about `usual` at true places, about 0 elsewhere."""
-    return (lead**2 - (lead - usual) ** 2) / (2 * 1.6**2)
+def said(lead, likeliest):
+    """Return the log ratio of a lead: normal about a usual one, or about 0 elsewhere."""
+    usual = [0, 2, 4, 6, 8]  # less probable by e for each half from the likeliest
+    shares = [math.exp(-2 * abs(one - likeliest)) for one in usual]
+    ratios = [math.exp((lead**2 - (lead - one) ** 2) / (2 * 1.6**2)) for one in usual]
+    met = zip(shares, ratios, strict=True)
+    return math.log(sum(share * one for share, one in met) / sum(shares))
+
+
+def asked(blocks, current=NEW, is_alike=True, near=(), likelihood=None):
+    """Return what keypoints say of places; `near` are pairs of places, the smaller one first."""
+
+    def is_near(one, other):
+        return tuple(sorted((one, other))) in near
+
+    return (likelihood or Likelihood()).asked(blocks, current, is_alike, is_near)
 
 
 def test_keypoints_of_a_place_lead_those_of_the_others_or_what_chance_gives():
-    both = Likelihood().asked({1: 25, 2: 9}, NEW, True)  # twice the roots: 10 and 6
+    both = asked({1: 25, 2: 9})  # twice the roots: 10 and 6
     assert (both[1].lead, both[2].lead) == (4, -4)
-    assert both[1].ratio == pytest.approx(normal(4, 6))
-    assert both[2].ratio == pytest.approx(normal(-4, 6))
-    few = Likelihood().asked({1: 25, 2: 1}, NEW, True)
-    alone = Likelihood().asked({1: 25}, NEW, True)
-    assert few[1].ratio == alone[1].ratio == pytest.approx(normal(10 - LEAST, 6))
-    assert Likelihood().asked({}, {}, True) == {}
+    assert both[1].ratio == pytest.approx(said(4, 6))
+    assert both[2].ratio == pytest.approx(said(-4, 6)) and both[2].ratio < -6
+    few, alone = asked({1: 25, 2: 1}), asked({1: 25})
+    assert few[1].ratio == alone[1].ratio == pytest.approx(said(10 - LEAST, 6))
+    assert asked({}) == {}
 
 
 def test_less_is_usual_in_other_light_but_on_the_running_drive():
-    asked = Likelihood().asked
-    assert asked({1: 25}, NEW, False)[1].ratio == pytest.approx(normal(10 - LEAST, 2))
-    assert asked({1: 25}, OURS, False)[1].ratio == pytest.approx(normal(10 - LEAST, 6))
+    assert asked({1: 25}, is_alike=False)[1].ratio == pytest.approx(said(10 - LEAST, 2))
+    assert asked({1: 25}, OURS, is_alike=False)[1].ratio == pytest.approx(said(10 - LEAST, 6))
 
 
 def test_two_places_that_both_lead_over_chance_are_no_rivals():
-    asked = Likelihood().asked  # a lead over chance of 4.28 is surprising: 12.65 blocks
-    alone = asked({1: 25}, NEW, True)[1].ratio
-    assert asked({1: 25, 2: 13}, NEW, True)[1].ratio == alone
-    assert asked({1: 25, 2: 12}, NEW, True)[1].ratio == pytest.approx(normal(10 - 2 * 12**0.5, 6))
-    assert asked({1: 25, 2: 13}, NEW, True)[2].ratio == pytest.approx(
-        normal(2 * 13**0.5 - LEAST, 6)
-    )
+    alone = asked({1: 25})[1].ratio
+    over = next(n for n in range(25) if asked({2: n})[2].ratio > 3)
+    assert asked({1: 25, 2: over})[1].ratio == alone
+    assert asked({1: 25, 2: over})[2].ratio == asked({2: over})[2].ratio
+    lead = 10 - 2 * (over - 1) ** 0.5
+    assert asked({1: 25, 2: over - 1})[1].ratio == pytest.approx(said(lead, 6))
 
 
-def test_keypoints_may_fail_to_show_a_true_place():
-    shown = math.exp(Likelihood().keypoints(Asked(0.0, math.log(10), False)))
-    assert shown == pytest.approx(0.98 * 10 + 0.02)
-    assert math.exp(Likelihood().keypoints(Asked(0.0, -40.0, False))) == pytest.approx(0.02)
+def test_places_near_each_other_are_no_rivals():
+    three = {1: 9, 2: 8, 3: 7}  # none leads over chance enough
+    current = dict.fromkeys(three, False)
+    leads = {place: one.lead for place, one in asked(three, current, near=[(1, 3)]).items()}
+    roots = {place: 2 * count**0.5 for place, count in three.items()}
+    assert leads[1] == pytest.approx(roots[1] - roots[2])
+    assert leads[2] == pytest.approx(roots[2] - roots[1])
+    assert leads[3] == pytest.approx(roots[3] - roots[2])
 
 
-def test_the_usual_lead_is_learned_where_cells_leave_no_doubt():
+def test_the_usual_lead_is_learned_from_places_as_far_as_the_frame_shows_them():
     likelihood = Likelihood()
+    first = asked({1: 25})[1].ratio
 
-    def ratio_of_10(current=NEW):
-        return likelihood.asked({1: 25}, current, True)[1].ratio
+    def learned(lead, mass, times=1, current=False):
+        likelihood.reset()
+        for _ in range(times):
+            likelihood.learn(Asked(lead, 0.0, current, True), mass)
+        return asked({1: 25}, OURS if current else NEW, likelihood=likelihood)[1].ratio
 
-    likelihood.learn(Asked(1.0, 0.0, False), 2.99, True)
-    assert ratio_of_10() == pytest.approx(normal(10 - LEAST, 6))  # a copy may be that strong
-    likelihood.learn(Asked(1.0, 0.0, False), 3.01, True)
-    assert ratio_of_10() == pytest.approx(normal(10 - LEAST, 5.5))  # a tenth of the way
-    assert ratio_of_10(OURS) == pytest.approx(normal(10 - LEAST, 6))  # another usual lead
-    for _ in range(400):
-        likelihood.learn(Asked(-3.0, 0.0, False), 20.0, True)
-    assert ratio_of_10() == 0.0  # silent
-    likelihood.reset()
-    assert ratio_of_10() == pytest.approx(normal(10 - LEAST, 6))
+    assert learned(1.0, 0.0) == pytest.approx(first)  # elsewhere, leads say nothing of true places
+    assert learned(6.0, 1.0, 9) == pytest.approx(first, abs=0.5)
+    # Nine tenths of p(u) e^k(u), and one of what was known at first.
+    ratio = sum(
+        (0.9 * posterior + 0.1 * prior) * math.exp(one * (10 - LEAST - one / 2) / 1.6**2)
+        for one, posterior, prior in zip([0, 2, 4, 6, 8], *one_lesson(2.0), strict=True)
+    )
+    assert learned(2.0, 1.0) == pytest.approx(math.log(ratio))
+    silent = asked({1: 25}, likelihood=likelihood)[1].ratio
+    assert 0 < learned(-3.0, 1.0, 400) < silent < first  # hardly any lead is usual
+    assert asked({1: 25}, OURS, likelihood=likelihood)[1].ratio == pytest.approx(first)
+    learned(-3.0, 1.0, 9, current=True)
+    assert asked({1: 25}, NEW, likelihood=likelihood)[1].ratio == pytest.approx(first)
 
 
-def test_a_weak_place_of_the_running_drive_is_doubted():
-    strengths, step = np.array([60.0, 20.0, 150.0]), Verification(0, 200.0, 100.0)
-    ours = doubts(strengths, np.ones(3, bool), step)  # 60 is half of 0.6 of the step's
-    assert ours.tolist() == pytest.approx([2.5 * math.log(0.5), -2.0, 0.0])
-    assert not doubts(strengths, np.zeros(3, bool), step).any()
-    assert not doubts(strengths, np.ones(3, bool), None).any()
+def one_lesson(lead):
+    """Return the probabilities of usual leads after a true place had a lead, and before."""
+    shares = [math.exp(-2 * abs(one - 6)) for one in (0, 2, 4, 6, 8)]
+    prior = [share / sum(shares) for share in shares]
+    fits = [
+        share * math.exp(-((lead - one) ** 2) / (2 * 1.6**2))
+        for share, one in zip(prior, (0, 2, 4, 6, 8), strict=True)
+    ]
+    return [fit / sum(fits) for fit in fits], prior
 
 
 def test_a_strength_is_at_most_three_times_that_of_the_upper_half():

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from convseq_ros.core.decision.paper.diagonals import ONE_SESSION, sequence_scores, Values
-from convseq_ros.core.geometry.verification import Verification, verify
+from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import SessionBounds
 from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import Candidate, constants, Descriptor, Indices, Row
@@ -149,13 +149,6 @@ class QueryBuffer:
         """Return the motion (2, 3) from the newest frame to a reference; None without regions."""
         features = self.newest.features
         return None if features is None else self._matcher.motion(features, index)
-
-    @property
-    def verified_step(self) -> Verification | None:
-        """The verification of the newest frame with the one before; None without regions."""
-        features = [frame.features for frame in self.frames[:2]]
-        images = [each.packed for each in features if each and each.packed]
-        return verify(images[0], images[1:], [(0.0, 0.0)])[0] if len(images) == 2 else None
 
     @property
     def novelty(self) -> float:
