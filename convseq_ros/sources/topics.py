@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import functools
 from pathlib import Path
+from shlex import quote
 from typing import Any, NamedTuple
 
 from convseq_ros.errors import ConvseqError, pip_install, SourceError
@@ -28,10 +29,6 @@ class Topic:
     name: str
     type_name: str
     count: int
-
-    def __str__(self) -> str:
-        messages = 'message' if self.count == 1 else 'messages'
-        return f'{self.name}   # {self.type_name}, {self.count} {messages}'
 
 
 class Index(NamedTuple):
@@ -61,7 +58,7 @@ def merge_topics(tables: Iterable[Mapping[str, Topic]]) -> dict[str, Topic]:
 def choose_topic(
     path: Path, topics: Mapping[str, Topic], wanted: str, types: tuple[str, ...], option: str
 ) -> Topic:
-    """Return the wanted topic, or the only one of some types; else a SourceError lists them."""
+    """Return the wanted topic, or the only one of some types; else a SourceError names them, ready to paste."""
     fitting = [topic for topic in topics.values() if topic.type_name in types and topic.count > 0]
     if not fitting:
         kind = ' or '.join(name.split('/')[-1] for name in types)
@@ -69,10 +66,10 @@ def choose_topic(
         raise SourceError(
             f'{path}: no {kind} messages in this recording; it holds {others or "nothing"}'
         )
-    listing = ''.join(f'\n{option} {topic}' for topic in fitting)
+    choices = ' or '.join(f'{option} {quote(topic.name)}' for topic in fitting)
     if not wanted:
         if len(fitting) > 1:
-            raise SourceError(f'{path}: {len(fitting)} topics could be meant; add one of{listing}')
+            raise SourceError(f'{path}: {len(fitting)} topics could be meant; add {choices}')
         return fitting[0]
     for topic in fitting:
         if topic.name == wanted or topic.name == f'/{wanted}':
@@ -83,7 +80,7 @@ def choose_topic(
         problem = f'topic {wanted!r} has no messages'
     else:
         problem = f'topic {wanted!r} is of type {topics[wanted].type_name}'
-    raise SourceError(f'{path}: {problem}; use{listing}')
+    raise SourceError(f'{path}: {problem}; use {choices}')
 
 
 def decode(message: RawMessage) -> Any:

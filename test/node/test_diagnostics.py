@@ -162,5 +162,5 @@ def test_stamps_that_do_not_tell_when_an_image_was_taken_are_a_warning(
     assert whole.message.endswith('have the driver stamp each image when it is taken')
     right = state_with([it + 10 * SECOND for it in taken_ns], 'recognising places')
     assert right.level == DiagnosticStatus.OK
-    assert node._statistics.received == 60
+    client.wait_for(lambda: node._statistics.received == 60)
     assert capfd.readouterr().err.count('one stamp') == 1

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameter `fleet`: other maps are asked beside the node's own."""
 
+import math
+
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.cluster import Cluster, connected
 from convseq_ros.fleet.link import serve
-from convseq_ros.node import publishers
+from convseq_ros.node import diagnostics, publishers
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.srv import LoadMap
 import pytest
@@ -39,7 +41,11 @@ def test_a_fleet_of_the_same_map_says_the_same(client, vpr, street, image, map_p
     assert client.values_of(others[-1])['reference_index'] == '5'
 
 
-def test_the_own_map_answers_alone_when_the_fleet_is_gone(client, vpr, street, image, map_path):
+def test_the_own_map_answers_alone_when_the_fleet_is_gone(
+    client, vpr, street, image, map_path, monkeypatch
+):
+    # A camera that stopped is told first.
+    monkeypatch.setattr(diagnostics, '_SILENCE_S', math.inf)
     vpr(map_path=map_path, fleet='tcp://127.0.0.1:1', diagnostics_period_s=0.1)
     own = client.listen(DiagnosticArray, '/vpr_node/answer')
     states = client.listen(DiagnosticArray, '/diagnostics')

@@ -81,13 +81,8 @@ def test_several_image_topics_are_listed_ready_to_paste(write, storage, pictures
     path = write(storage, two_cameras(pictures))
     with pytest.raises(SourceError) as caught:
         open_source(path)
-    first, *others = str(caught.value).splitlines()
-    assert str(path) in first
-    assert '2 topics' in first
-    assert others == [
-        '--topic /left/image_raw   # sensor_msgs/msg/Image, 4 messages',
-        '--topic /right/image_raw   # sensor_msgs/msg/Image, 8 messages',
-    ]
+    said = 'add --topic /left/image_raw or --topic /right/image_raw'
+    assert str(caught.value) == f'{path}: 2 topics could be meant; {said}'
 
 
 @pytest.mark.parametrize('wanted', ['/right/image_raw', 'right/image_raw'])
@@ -108,9 +103,8 @@ def test_a_wrong_topic_lists_the_right_ones(write, storage, wanted, problem, pic
     path = write(storage, two_cameras(pictures))
     with pytest.raises(SourceError) as caught:
         open_source(path, wanted)
-    assert problem in str(caught.value).splitlines()[0]
-    assert '--topic /left/image_raw' in str(caught.value)
-    assert '--topic /right/image_raw' in str(caught.value)
+    said = 'use --topic /left/image_raw or --topic /right/image_raw'
+    assert str(caught.value).endswith(f'{problem}; {said}')
 
 
 @pytest.mark.parametrize('wanted', ['', '/camera'])
