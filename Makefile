@@ -2,6 +2,7 @@
 # make test               all that CI runs
 # make demo-slam          odometry, loop closures and false ones into a pose graph, live
 # make results [DATA=folder-of-data-sets] [SETS='corridor own.yaml']   measure, write docs/RESULTS.md
+# make claims [DATA=folder]   measure the figures of README again, and compare: 20 minutes
 # make bench              measure speed, write docs/PERFORMANCE.md and docs/performance.json
 # make coverage          which lines the tests reach, in htmlcov/
 # make docs              build the documentation into site/; warnings are errors
@@ -50,7 +51,7 @@ endef
 ifndef SIDE_BY_SIDE
 .NOTPARALLEL:
 endif
-.PHONY: demo demo-slam results bench coverage docs docs-test pictures gif board torture test \
+.PHONY: demo demo-slam results claims bench coverage docs docs-test pictures gif board torture test \
 	lint types contract wheel test-aarch64 test-newest test-noble clean
 
 demo: .venv/demo.stamp
@@ -61,6 +62,9 @@ demo-slam: .venv/slam.stamp
 
 results: .venv/bench.stamp
 	.venv/bin/python docs/make_results.py $(SETS) $(if $(DATA),--data-root '$(DATA)')
+
+claims: .venv/bench.stamp
+	.venv/bin/python scripts/claims.py $(if $(DATA),--data '$(DATA)')
 
 bench: .venv/bench.stamp
 	.venv/bin/python -m bench --page

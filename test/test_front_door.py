@@ -58,6 +58,16 @@ def test_the_readme_tells_the_recall_that_results_have():
         assert [*map(int, told)] == pytest.approx(expected, abs=0.55), method
 
 
+def test_figures_whose_data_are_not_there_are_skipped_with_the_reason(tmp_path):
+    script = REPOSITORY / 'scripts' / 'claims.py'
+    found = run(sys.executable, str(script), '--data', str(tmp_path), '--sets')
+    lines = found.stdout.splitlines()[2:]
+    assert len(lines) == 4 + 1 + 6 * 7 + 1 and all('skipped: ' in line for line in lines)
+    # Single images and sequences, of ours and of the paper's method; another circuit.
+    told = [float(line.split('|')[2]) for line in lines[:5]]
+    assert all(80 < one <= 100 for one in told[:4]) and told[4] < 10
+
+
 def pages():
     found = run(
         'git', 'ls-files', '--cached', '--others', '--exclude-standard', '*.md', cwd=REPOSITORY

@@ -21,7 +21,7 @@ from convseq_ros.errors import ConfigError, pip_install, SourceError
 from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.material import described, Images, Material
-from convseq_ros.evaluation.recognition import overridden, Recognition, recognize
+from convseq_ros.evaluation.recognition import After, alone, overridden, Recognition, recognize, verified
 from convseq_ros.io.files import read_array
 from convseq_ros.models.onnx_model import OnnxModel
 import numpy as np
@@ -101,6 +101,7 @@ class Kind:
     options: tuple[str, ...] = ()  # options of the method
     argument: str = ''  # text after the colon; empty if there is none
     recognizer: bool = False  # whether the online recogniser decides
+    after: After | None = None  # as in `recognize`
     needs: tuple[str, str] = ('', '')  # a module, and the package that pip installs for it
 
 
@@ -163,7 +164,7 @@ def _core(material: Material, name: MethodName, config: Config) -> PairScores:
     """Return the recogniser's pair scores of all pairs, from an exhaustive search."""
     exhaustive = overridden(config, {'search': 'exhaustive'})
     method = Method(name, KINDS[name.kind], exhaustive)
-    return method.measured(material, recognize(material, exhaustive))
+    return method.measured(material, recognize(material, exhaustive, after=method.kind.after))
 
 
 def _seqslam(material: Material, name: MethodName, _: Config) -> PairScores:
@@ -286,10 +287,13 @@ def _by_cosine(query: Vectors, reference: Vectors, encode_ms: float | None = Non
     return PairScores(scores, encode_ms, row_ms, place_bytes=reference[0].nbytes)
 
 
+_OURS: Mapping[str, Value] = {'matching': 'coherent', 'search': 'exhaustive'}
 _baseline = partial(Kind, settings=_GIVEN)
 
 KINDS: Mapping[str, Kind] = {
     'convseq': Kind(_core, None, recognizer=True),
+    'single': Kind(_core, 1, _OURS, recognizer=True, after=alone),
+    'verified': Kind(_core, 1, _OURS, recognizer=True, after=verified),
     'paper': Kind(_core, None, PAPER, recognizer=True),
     'cohog': Kind(_core, 1, PAPER, recognizer=True),
     'seqslam': _baseline(_seqslam, seqslam.LENGTH),

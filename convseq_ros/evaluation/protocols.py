@@ -66,7 +66,7 @@ def run_protocol(
     if protocol == OPEN:
         spans = kept_halves(len(reference), keep)
     if method.kind.recognizer and protocol != OPEN:
-        recognition = recognize(material, method.config)
+        recognition = recognize(material, method.config, after=method.kind.after)
         pairs = method.measured(material, recognition)
         answers = [_ranked(material, method, recognition, recognition.rows, spans[''])]
     else:
@@ -118,7 +118,7 @@ def _of_part(
     material: Material, method: Method, pairs: PairScores, rows: Scores, span: Span
 ) -> Recognition:
     if method.kind.recognizer:
-        recognition = recognize(material, method.config, span)
+        recognition = recognize(material, method.config, span, method.kind.after)
         return _ranked(material, method, recognition, rows, span)
     query, reference = material.drives(method.config.encoding)
     first, last = span

@@ -9,6 +9,7 @@ import time
 from convseq_ros.config import Config, flatten, with_values
 from convseq_ros.config.parameter import Value
 from convseq_ros.core import types
+from convseq_ros.core.decision.decider import candidate
 from convseq_ros.core.map.edit import carry_links
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -19,6 +20,8 @@ import numpy.typing as npt
 
 Scores = npt.NDArray[np.float32]  # (Q, R), pair scores; NaN where a pair was not scored
 Span = tuple[int, int]  # first reference, and the one after the last
+After = Callable[[PlaceRecognizer, types.Match], types.Match]
+_VERIFIED = 10  # places, the best by their pair scores
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +51,33 @@ def part_of(source: ReferenceMap, first: int, last: int) -> ReferenceMap:
     return part
 
 
-def recognize(material: Material, config: Config, span: Span | None = None) -> Recognition:
+def alone(recognizer: PlaceRecognizer, match: types.Match) -> types.Match:
+    """Return the match; the next image knows nothing of the drive."""
+    recognizer.matcher.reset()
+    return match
+
+
+def verified(recognizer: PlaceRecognizer, match: types.Match) -> types.Match:
+    """Return a match with its 10 best places by their verification: two-stage retrieval."""
+    row, places = recognizer.buffer.row, recognizer.reference_map.places
+    if match.candidates and row is not None:
+        best = np.argsort(-np.nan_to_num(row), kind='stable')[:_VERIFIED].tolist()
+        found = recognizer.buffer.verified(best)
+        ranked = sorted(found, key=lambda index: found[index].strength, reverse=True)
+        ordered = [candidate(places, index, found[index].strength) for index in ranked]
+        match = replace(match, candidates=tuple(ordered))
+    return alone(recognizer, match)
+
+
+def recognize(
+    material: Material, config: Config, span: Span | None = None, after: After | None = None
+) -> Recognition:
     """
     Return the recogniser's answers; a drive against its own past runs in online mode.
 
     Without a span, images are read and described as on a robot. With a span, the map has only
-    these references, and the cached descriptors are used. The answers are the same.
+    these references, and the cached descriptors are used. The answers are the same. `after`
+    changes the answer to each frame, or what is remembered of it.
     """
     if material.data_set.online:
         config = overridden(config, {'mode': 'online'})
@@ -77,6 +101,7 @@ def recognize(material: Material, config: Config, span: Span | None = None) -> R
     for row, (frame, descriptor) in zip(rows, frames, strict=True):
         started = time.perf_counter()
         match = recognizer.process(frame, descriptor)
+        match = after(recognizer, match) if after else match
         durations.append((time.perf_counter() - started) * 1e3)
         newest = None if match.reason is types.Reason.OUT_OF_ORDER else recognizer.buffer.row
         if newest is not None:

@@ -46,6 +46,23 @@ def test_every_method_recognises_an_easy_street(street, quick, tmp_path):
         assert one['recall_at_1'] <= one['recall_at_5'] <= one['recall_at_20']
 
 
+@pytest.mark.parametrize(('method', 'knows_the_drive'), [
+    ('single', False), ('verified', False), ('convseq-k1+matching=coherent', True),
+])  # fmt: skip
+def test_an_image_alone_is_answered_alike_in_any_order(
+    street, quick, tmp_path, method, knows_the_drive
+):
+    backwards = street.file.read_text().replace('path: query', 'path: query, backwards: true')
+    files = [street.file, street.write(backwards.replace('name: street', 'name: back'), 'b.yaml')]
+    ahead, back = run(street, quick, tmp_path / 'out', f'm={method}', files=files)
+    assert ahead['accuracy_all'] >= 0.9
+    there, again = (
+        [row['best_score'] for row in rows(tmp_path / 'out' / name / 'm' / 'frames.csv')]
+        for name in ('street', 'back')
+    )
+    assert (there == again[::-1]) is not knows_the_drive
+
+
 def test_a_folder_holds_what_it_promises(street, quick, tmp_path):
     output = tmp_path / 'out'
     run(street, quick, output, 'convseq', 'hog')
@@ -296,7 +313,7 @@ def test_the_length_of_a_method_wins_over_the_parameter():
         if not row.argument
     }
     assert lengths == {
-        'convseq': 7, 'cohog': 1, 'seqslam': 10, 'hog': 1, 'orb-bow': 1,
+        'convseq': 7, 'single': 1, 'verified': 1, 'paper': 7, 'cohog': 1, 'seqslam': 10, 'hog': 1, 'orb-bow': 1,
         'sift-vlad': 1,
     }  # fmt: skip
 
