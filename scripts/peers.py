@@ -9,9 +9,9 @@ about 20 minutes on one core. DATA in a method is replaced by the folder.
 The protocol is open: half of the map is removed in turn. Recall is the share of right matches
 among the frames whose place is in the map. *Own* is the method's own decision, with its false
 matches. *Best* is at the lowest threshold without a false match on this set, by the criterion (and
-alpha) with the highest recall; this favours every method. The second table uses one threshold
-without false matches on all sets. ms are CPU time per frame. In laps the map is the first lap; a
-match within 40 of 840 places is right, and up to 100 is not counted.
+alpha and k) with the highest recall; this favours every method. The second table uses one
+threshold without false matches on all sets. ms are CPU time per frame. In laps the map is the
+first lap; a match within 40 of 840 places is right, and up to 100 is not counted.
 """
 
 import argparse
@@ -19,6 +19,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 import tempfile
 import time
@@ -55,6 +56,7 @@ NAMES = {
     'hog': 'HOG',
 }
 ALPHAS = 0.3, 0.1, 0.2, 0.5  # DLoopDetector's own first
+CONSISTENT = 3, 1  # its own number of frames that agree, and that of its demo
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,14 +126,14 @@ class _Laps(Truth):
 
 
 def runs(material: Material, text: str, config: Config) -> list[Run]:
-    """Return the runs of a method; a peer has one per alpha."""
+    """Return the runs of a method; a peer has one per alpha and number of frames that agree."""
     method = make_method(parse_method(text), config)
     protocol = ONLINE if material.data_set.online else OPEN
     if 'alpha' not in method.kind.options:
         return [_run(run_protocol(material, method, protocol))]
     pairs, variants = method.rows(material), []
-    for alpha in ALPHAS:
-        changed = replace(pairs, detect=partial(pairs.detect, alpha=alpha))
+    for alpha, frames in product(ALPHAS, CONSISTENT):
+        changed = replace(pairs, detect=partial(pairs.detect, alpha=alpha, consistent=frames))
         kind = replace(method.kind, rows=lambda *_, changed=changed: changed)
         variants.append(_run(run_protocol(material, replace(method, kind=kind), protocol)))
     return variants

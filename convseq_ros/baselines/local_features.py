@@ -9,11 +9,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-COUNT = 1000  # keypoints of an image at most, the strongest
+COUNT = 2000  # keypoints of an image at most, the strongest
 FEWEST = 12  # matches, and inliers, below which the result is 0; as in DLoopDetector
 _REPROJECTION_PX, _CONFIDENCE, _ITERATIONS = 2.0, 0.99, 500  # of RANSAC; as in DLoopDetector
 _SMALLEST_PX = 32  # smallest image side for ORB
-_RATIO = 0.8  # maximum of nearest to second nearest distance; Lowe 2004
+_ROWS = 480  # smaller images are enlarged to so many: ORB leaves out 31 px at each border
+_FAST_THRESHOLD = 7  # of ORB; ORB-SLAM's where the usual 20 finds too few
+_RATIO = 0.6  # maximum of nearest to second nearest distance; as in DLoopDetector
 
 Rows = npt.NDArray[np.uint8] | npt.NDArray[np.float32]
 
@@ -38,16 +40,26 @@ def orb(gray: npt.NDArray[np.uint8]) -> Keypoints:
     """Return the ORB keypoints (Rublee et al. 2011) of a grey image (H, W)."""
     if min(gray.shape) < _SMALLEST_PX:
         return _keypoints((), np.zeros((0, 32), np.uint8))
-    points, rows = cv2.ORB.create(COUNT).detectAndCompute(gray, None)
+    detector = cv2.ORB.create(COUNT, fastThreshold=_FAST_THRESHOLD)
+    points, rows = detector.detectAndCompute(_enlarged(gray), None)
     return _keypoints(points, np.zeros((0, 32), np.uint8) if rows is None else rows)
 
 
 def root_sift(gray: npt.NDArray[np.uint8]) -> Keypoints:
     """Return SIFT (Lowe 2004) as RootSIFT (Arandjelovic and Zisserman 2012) of an image (H, W)."""
-    points, rows = cv2.SIFT.create(COUNT).detectAndCompute(gray, None)
+    points, rows = cv2.SIFT.create(COUNT).detectAndCompute(_enlarged(gray), None)
     rows = np.zeros((0, 128), np.float32) if rows is None else rows
     shares = rows / np.maximum(rows.sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
     return _keypoints(points, np.sqrt(shares, dtype=np.float32))
+
+
+def _enlarged(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """Return an image with at least 480 rows, in which keypoints are found, too."""
+    rows, columns = gray.shape
+    if not _SMALLEST_PX <= rows < _ROWS:
+        return gray
+    size = round(columns * _ROWS / rows), _ROWS
+    return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
 def inliers(query: Keypoints, reference: Keypoints) -> int:

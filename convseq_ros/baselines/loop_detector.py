@@ -3,8 +3,9 @@
 """
 Loop decision from whole-image scores: DLoopDetector (Galvez-Lopez and Tardos, T-RO 2012).
 
-With its defaults: scores are divided by the score with the previous frame, neighbours form an
-island, islands must agree for more than 3 frames, and RANSAC needs 12 inliers.
+With its defaults: scores are divided by the score with the previous frame, references less than 3
+apart form an island, islands must agree for more than k = 3 frames (its demo has 1), and RANSAC
+needs 12 inliers.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +18,7 @@ ALPHA = 0.3  # minimum score, as a share of the score with the previous frame
 CONSISTENT = 3  # required number of previous frames with agreeing islands
 _LEAST_PREVIOUS = 0.005  # score with the previous frame, below which there is no detection
 _MOST_RESULTS = 50  # best references per frame
-_GAP = 3  # largest gap within an island, and between islands that agree
+_GAP = 3  # references of an island are less than this apart, islands that agree at most this
 _QUERIES_APART = 2  # largest distance of consecutive frames
 
 
@@ -47,7 +48,7 @@ def islands(scores: dict[int, float]) -> list[Island]:
     """Return the islands of references with these scores, in ascending order."""
     groups: list[list[int]] = []
     for reference in sorted(scores):
-        if groups and reference - groups[-1][-1] <= _GAP:
+        if groups and reference - groups[-1][-1] < _GAP:
             groups[-1].append(reference)
         else:
             groups.append([reference])
@@ -62,13 +63,15 @@ def detect(
     previous: Sequence[float],
     verify: Callable[[int, int], int],
     alpha: float = ALPHA,
+    consistent: int = CONSISTENT,
 ) -> list[Detection]:
     """
     Return the decision on each frame of a drive.
 
     `rows` (Q, R) are scores with the references, NaN for a pair that must not match. `previous`
     (Q,) is the score of each frame with the previous one. `verify` returns the inliers of a frame
-    and a reference. `alpha` is the minimum score as a share of the previous one.
+    and a reference. `alpha` is the minimum score as a share of the previous one, `consistent` the
+    number of frames before that must agree.
     """
     detections, last, agreed, last_frame = list[Detection](), None, 0, -_QUERIES_APART
     for frame, (row, previous_score) in enumerate(zip(rows, previous, strict=True)):
@@ -83,6 +86,6 @@ def detect(
         follows = last is not None and frame - last_frame <= _QUERIES_APART
         agreed = agreed + 1 if follows and last is not None and island.agrees(last) else 1
         last, last_frame = island, frame
-        count = verify(frame, island.best) if agreed > CONSISTENT else 0
+        count = verify(frame, island.best) if agreed > consistent else 0
         detections.append(Detection(island.best, count))
     return detections

@@ -21,7 +21,14 @@ from convseq_ros.errors import ConfigError, pip_install, SourceError
 from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.material import described, Images, Material
-from convseq_ros.evaluation.recognition import After, alone, overridden, Recognition, recognize, verified
+from convseq_ros.evaluation.recognition import (
+    After,
+    alone,
+    overridden,
+    Recognition,
+    recognize,
+    verified,
+)
 from convseq_ros.io.files import read_array
 from convseq_ros.models.onnx_model import OnnxModel
 import numpy as np

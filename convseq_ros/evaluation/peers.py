@@ -12,7 +12,7 @@ from typing import Any
 
 from convseq_ros.baselines import local_features, vlad
 from convseq_ros.baselines.local_features import Extract, inliers, Keypoints
-from convseq_ros.baselines.loop_detector import detect, Detection
+from convseq_ros.baselines.loop_detector import CONSISTENT, detect, Detection
 from convseq_ros.baselines.vocabulary import bag_scores, Vocabulary
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -78,9 +78,15 @@ def peer_scores(
         return inliers(query[frame], reference[place])
 
     def decide(
-        rows: npt.NDArray[np.float32], first: int = 0, alpha: float = alpha
+        rows: npt.NDArray[np.float32],
+        first: int = 0,
+        alpha: float = alpha,
+        consistent: int = CONSISTENT,
     ) -> list[Detection]:
-        return detect(rows, previous, lambda frame, at: verify(frame, first + at), alpha)
+        def inliers_of(frame: int, at: int) -> int:
+            return verify(frame, first + at)
+
+        return detect(rows, previous, inliers_of, alpha, consistent)
 
     started = time.perf_counter()
     rows = np.array([peer.scores(vector, places) for vector in vectors])

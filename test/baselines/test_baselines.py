@@ -110,6 +110,11 @@ def test_keypoints_that_moved_alike_are_inliers_and_others_are_not(random):
         assert inliers(seen, extract(np.zeros((1, 1), np.uint8))) == 0
 
 
+def test_small_images_have_many_keypoints(random):
+    """ORB leaves out 31 px at each border: of 120 rows half."""
+    assert len(orb(textured(random, (120, 160))).points_px) > 500
+
+
 def test_matches_are_mutual():
     query = np.array([[0] * 32, [1] * 32, [255] * 32], np.uint8)
     reference = np.array([[255] * 32, [0] * 32], np.uint8)
@@ -125,6 +130,8 @@ def test_a_loop_takes_more_than_three_frames_that_agree_and_twelve_inliers():
     assert [one.inliers for one in found] == [0, 0, 0, 0, 44, 45, 46, 47]
     assert [one.reference for one in found[1:]] == [*range(11, 18)]
     assert not any(one.inliers for one in detect(rows, [0.5] * 8, lambda *_: 0))
+    sooner = detect(rows, [0.0] + [0.5] * 7, lambda frame, _: 40 + frame, consistent=1)
+    assert [one.inliers for one in sooner] == [0, 0, 42, 43, 44, 45, 46, 47]
 
 
 def test_a_jump_begins_anew_and_what_may_not_be_matched_is_not():
@@ -140,7 +147,12 @@ def test_a_jump_begins_anew_and_what_may_not_be_matched_is_not():
 def test_every_reference_is_in_one_island(references):
     found = islands(dict.fromkeys(references, 1.0))
     assert sum(one.score for one in found) == len(references)
-    assert all(later.first - one.last > 3 for one, later in pairwise(found))
+    assert all(later.first - one.last >= 3 for one, later in pairwise(found))
+
+
+def test_references_less_than_three_apart_are_an_island():
+    found = islands({4: 0.2, 6: 0.5, 9: 0.3})
+    assert [(one.first, one.last, one.best) for one in found] == [(4, 6, 6), (9, 9, 9)]
 
 
 def saved(tmp_path, array):

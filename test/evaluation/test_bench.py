@@ -54,7 +54,7 @@ def test_an_image_alone_is_answered_alike_in_any_order(
 ):
     backwards = street.file.read_text().replace('path: query', 'path: query, backwards: true')
     files = [street.file, street.write(backwards.replace('name: street', 'name: back'), 'b.yaml')]
-    ahead, back = run(street, quick, tmp_path / 'out', f'm={method}', files=files)
+    ahead, _ = run(street, quick, tmp_path / 'out', f'm={method}', files=files)
     assert ahead['accuracy_all'] >= 0.9
     there, again = (
         [row['best_score'] for row in rows(tmp_path / 'out' / name / 'm' / 'frames.csv')]
@@ -313,8 +313,8 @@ def test_the_length_of_a_method_wins_over_the_parameter():
         if not row.argument
     }
     assert lengths == {
-        'convseq': 7, 'single': 1, 'verified': 1, 'paper': 7, 'cohog': 1, 'seqslam': 10, 'hog': 1, 'orb-bow': 1,
-        'sift-vlad': 1,
+        'convseq': 7, 'single': 1, 'verified': 1, 'paper': 7, 'cohog': 1, 'seqslam': 10,
+        'hog': 1, 'orb-bow': 1, 'sift-vlad': 1,
     }  # fmt: skip
 
 
