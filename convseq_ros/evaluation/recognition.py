@@ -58,13 +58,20 @@ def alone(recognizer: PlaceRecognizer, match: types.Match) -> types.Match:
 
 
 def verified(recognizer: PlaceRecognizer, match: types.Match) -> types.Match:
-    """Return a match with its 10 best places by their verification: two-stage retrieval."""
+    """
+    Return a match with its 10 best places by pair score and verification: two-stage retrieval.
+
+    Both count alike, in standard deviations over the 10.
+    """
     row, places = recognizer.buffer.row, recognizer.reference_map.places
     if match.candidates and row is not None:
-        best = np.argsort(-np.nan_to_num(row), kind='stable')[:_VERIFIED].tolist()
-        found = recognizer.buffer.verified(best)
-        ranked = sorted(found, key=lambda index: found[index].strength, reverse=True)
-        ordered = [candidate(places, index, found[index].strength) for index in ranked]
+        scores = np.nan_to_num(row)
+        best = np.argsort(-scores, kind='stable')[:_VERIFIED]
+        found = recognizer.buffer.verified(best.tolist())
+        roots = np.sqrt([found[index].strength for index in best.tolist()])
+        total = sum((one - one.mean()) / max(one.std(), 1e-9) for one in (scores[best], roots))
+        order = np.argsort(-total, kind='stable')
+        ordered = [candidate(places, int(best[at]), float(total[at])) for at in order]
         match = replace(match, candidates=tuple(ordered))
     return alone(recognizer, match)
 
