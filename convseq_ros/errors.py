@@ -74,6 +74,7 @@ def pip_install(*packages: str) -> str:
     return f'pip install {names}'
 
 
+NO_PLACES = 'has no places; add a drive: convseq build-map RECORDING MAP --append'
 NEEDS_ROS = (
     'ROS 2 is not installed or not sourced: source /opt/ros/jazzy/setup.bash, or '
     + pip_install('ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces')

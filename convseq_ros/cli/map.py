@@ -25,7 +25,7 @@ from convseq_ros.core.map.edit import (
 )
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map_builder import link_map, not_linked
-from convseq_ros.errors import MapError
+from convseq_ros.errors import MapError, NO_PLACES
 
 _SESSION = 'name, number or id of a session, as `convseq info` shows it'
 _UNUSUAL = re.compile(r'[^\w.-]+')  # in the name of a file
@@ -89,7 +89,7 @@ def _unlink(chosen: argparse.Namespace) -> None:
     reference_map = open_map(chosen.map)
     linked = {place for place, _ in reference_map.links}
     if unknown := {*chosen.place} - linked:
-        raise MapError(f'{chosen.map}: place {min(unknown)} has no link')
+        raise MapError(f'{chosen.map}: place {min(unknown)} has no link; see `convseq map browse`')
     places = {*chosen.place}
     for wanted in chosen.session:
         places |= {*chosen_slice(slices_of(chosen.map, reference_map), wanted).places}
@@ -104,7 +104,7 @@ def _merge(chosen: argparse.Namespace) -> None:
     refuse_existing(chosen.output)
     slices = [session for path in chosen.maps for session in slices_of(path)]
     if not slices:
-        raise MapError(f'{chosen.maps[0]}: has no place')
+        raise MapError(f'{chosen.maps[0]}: {NO_PLACES}')
     merged = joined(slices)
     if not chosen.no_links:
         count = sum(map(len, not_linked(merged)))

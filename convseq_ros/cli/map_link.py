@@ -29,7 +29,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.core.rigid import matrix, pose_of
-from convseq_ros.errors import MapError, printable
+from convseq_ros.errors import MapError, NO_PLACES, printable
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.edges import edges_of, Poses
@@ -96,7 +96,7 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
         refuse_existing(chosen.output)
     slices, links = slices_of(chosen.map, linked), [*linked.links.each()]
     if not slices:
-        raise MapError(f'{chosen.map}: has no place')
+        raise MapError(f'{chosen.map}: {NO_PLACES}')
     _report(slices, links, chosen.json)
     poses = {at: matrix(place.pose) for at, place in enumerate(linked.places) if place.pose}
     session = [place.session for place in linked.places]

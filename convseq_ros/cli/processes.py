@@ -68,7 +68,9 @@ def own_domain() -> int:
             continue
         claim.detach()
         return domain
-    raise ConvseqError(f'all ROS domains from 1 to {_HIGHEST_DOMAIN} are in use by convseq_ros')
+    raise ConvseqError(
+        f'all ROS domains, 1 to {_HIGHEST_DOMAIN}, are in use; end another live run'
+    )
 
 
 def environment(folder: Path) -> dict[str, str]:

@@ -174,7 +174,7 @@ def opened(path: Path) -> Iterator[Listener]:
         return
     with ResultWriter(path, COLUMNS) as table:
         if table.kept:
-            warn(f'{table.kept}: rows of a run that did not end')
+            warn(f'{table.kept}: has the rows of an earlier run that did not end')
 
         def write(frame: Frame, match: Match, _: PlaceRecognizer, duration_ms: float) -> None:
             is_file = '/' not in frame.source  # else it is a topic

@@ -103,7 +103,7 @@ class FleetLink:
         paths = client.get_dataset(_NAME, default=None)
         if not paths:
             raise FleetError(
-                f'{self._cluster.scheduler}: serves no maps; convseq fleet serve MAPS'
+                f'{self._cluster.scheduler}: serves no maps; run `convseq fleet serve MAPS`'
             )
         opened = [Path(path) for path in paths]
         model = open_model(self._config)

@@ -101,7 +101,7 @@ class MapServices:
     def _open(self, path: Path) -> Pipeline:
         present = self._recognition.session
         if present.is_persisted and path.exists() and path.samefile(present.path or ''):
-            raise MapError(f'{path}: is the map that is growing already')
+            raise MapError(f'{path}: is already the map in use, and grows; name another')
         sources = [*present.cameras.recognizers]
         config = self._config()
         model = open_model(config)
@@ -131,7 +131,7 @@ class MapServices:
         """Save the map as it is now; return the path."""
         session = self._recognition.session
         if not len(session.recognizer.reference_map):
-            raise MapError('there is no map to save')
+            raise MapError('there is no map to save; load one with ~/load_map')
         if self.save_path:
             target = Path(self.save_path)
             if session.is_persisted and target.exists() and target.samefile(session.path or ''):

@@ -37,7 +37,10 @@ class MapToOdom:
             try:
                 from tf2_msgs.msg import TFMessage
             except ImportError:
-                node.get_logger().info('no tf2_msgs: map -> odom is on ~/map_to_odom only')
+                node.get_logger().info(
+                    'tf2_msgs is not installed: map -> odom is on ~/map_to_odom and not on /tf; '
+                    'apt install ros-jazzy-tf2-msgs'
+                )
                 return
             self._kind = TFMessage
             self._tf = advertise(node, TFMessage, '/tf', _DEPTH)

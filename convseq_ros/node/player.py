@@ -160,7 +160,7 @@ class Player(Node):
         while self.context.ok() and not self._images.wait_for_all_acked(poll):
             if time.monotonic() > deadline_s:
                 raise ConvseqError(
-                    f'{self._images.topic_name}: a subscriber does not acknowledge what was sent'
+                    f'{self._images.topic_name}: a subscriber has not heard all; is it running?'
                 )
 
     def _acknowledge_sides(self) -> None:

@@ -125,7 +125,9 @@ class PoseGraphNode(ListeningNode):
     def _on_odometry(self, message: Any) -> None:
         stamp_ns, pose = stamp_to_ns(message.header.stamp), pose_from_message(message.pose.pose)
         if not stamp_ns or pose is None:
-            line = 'odometry without a stamp, or with values that are not a pose, is left out'
+            line = (
+                'odometry without a stamp, or that is no pose, is left out; look at its publisher'
+            )
             self.get_logger().warning(f'{self._odometry.topic}: {line}', once=True)
             return
         covariance = message.pose.covariance
@@ -140,7 +142,7 @@ class PoseGraphNode(ListeningNode):
         self._update_ms = 1000 * (time.perf_counter() - start_s)
         self._frame = message.header.frame_id
         if anew:
-            self.get_logger().warning('the clock was set back: the graph of this drive is anew')
+            self.get_logger().warning('the clock was set back: this drive begins a new graph')
         elif is_reset:
             self.get_logger().warning('odometry was reset: only closures tell how far it moved')
         if correction is not None:
@@ -154,7 +156,9 @@ class PoseGraphNode(ListeningNode):
         covariance = np.reshape(message.pose.covariance, (6, 6))
         if not (reference_ns and query_ns and pose and _is_covariance(covariance)):
             names = f'{message.header.frame_id!r}, {message.child_frame_id!r}'
-            self._leave_out(f'{_CLOSURES}: {names} with its pose is not a closure')
+            self._leave_out(
+                f'{_CLOSURES}: {names} are not two places, session/stamp_ns, with a pose'
+            )
             return
         if covariance[5, 5] > _TURN_KNOWN_RAD2:
             covariance = covariance + _SAME_PLACE

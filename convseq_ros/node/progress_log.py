@@ -71,7 +71,7 @@ class ProgressLog:
         causes = ', '.join(f'{count} {_REMEDIES[cause]}' for cause, count in new.items())
         self._logger.warning(
             f'{new.total()} frames dropped, {drops.total()} of '
-            f'{self._statistics.received + drops["middleware"]} since the start: {causes}. Have '
-            'fewer sent, or raise keyframe_interval_s'
+            f'{self._statistics.received + drops["middleware"]} since the start: {causes}. Send '
+            'fewer, or raise keyframe_interval_s'
         )
         self._warned, self._dropped_before = time.monotonic(), drops

@@ -54,7 +54,9 @@ class ResultLog:
                     'choose another or leave it empty'
                 ) from None
             if self._writer.kept:
-                logger.warning(f'{self._writer.kept}: rows of a run that did not end')
+                logger.warning(
+                    f'{self._writer.kept}: has the rows of an earlier run that did not end'
+                )
 
     def write(self, match: Match, duration_ms: float) -> None:
         with self._lock:

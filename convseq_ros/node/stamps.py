@@ -26,7 +26,8 @@ class Stamps:
         """Return when an image was taken, nanoseconds: its stamp, or now if it has none."""
         if not (stamp_ns := message.header_stamp_ns):
             self._logger.warning(
-                f'{topic}: images have no stamp; using the time at which they arrive', once=True
+                f'{topic}: images have no stamp, so the time of arrival is taken; mend the driver',
+                once=True,
             )
             return int(self._clock.now().nanoseconds)
         newest = self._newest[topic]

@@ -135,7 +135,8 @@ class FollowingSubscription:
             self._latched = False
             self._subscribe(self._reliability)
         else:
-            logger.warning(f'{self.topic}: a publisher offers incompatible QoS; it is not heard')
+            line = f'is not heard; compare its QoS: ros2 topic info --verbose {self.topic}'
+            logger.warning(f'{self.topic}: a publisher with another QoS {line}')
 
     def _on_matched(self, info: QoSSubscriptionMatchedInfo) -> None:
         is_strict = self._reliability is ReliabilityPolicy.RELIABLE

@@ -89,7 +89,7 @@ def load_graph(path: Path, config: PoseGraphConfig, map_id: str = '') -> PoseGra
         raise
     except Exception as error:
         raise MapError(
-            f'{path}: not a whole graph ({one_line(error)}); move it away, and it begins anew'
+            f'{path}: not a whole graph ({one_line(error)}); move it away to begin a new one'
         ) from None
 
 

@@ -77,7 +77,7 @@ def _info(
     width: int, height: int, k: list[float], p: list[float], model: str = '', d: Any = ()
 ) -> Any:
     if (len(k), len(p)) != (9, _PROJECTION):
-        raise ValueError(f'matrices of {len(k)} and {len(p)} numbers')
+        raise ValueError(f'matrices K and P of {len(k)} and {len(p)} numbers; expected 9 and 12')
     part = SimpleNamespace(width=0, height=0, x_offset=0, y_offset=0)
     return SimpleNamespace(
         width=width, height=height, k=k, p=p, roi=part, binning_x=1, binning_y=1,

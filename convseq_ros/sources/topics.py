@@ -58,7 +58,7 @@ def merge_topics(tables: Iterable[Mapping[str, Topic]]) -> dict[str, Topic]:
 def choose_topic(
     path: Path, topics: Mapping[str, Topic], wanted: str, types: tuple[str, ...], option: str
 ) -> Topic:
-    """Return the wanted topic, or the only one of some types; else a SourceError names them, ready to paste."""
+    """Return the wanted topic, or the only one of some types; else a SourceError names them."""
     fitting = [topic for topic in topics.values() if topic.type_name in types and topic.count > 0]
     if not fitting:
         kind = ' or '.join(name.split('/')[-1] for name in types)

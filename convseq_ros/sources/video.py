@@ -69,7 +69,7 @@ class Video:
             capture.release()
         if count < self._count:
             warning = (
-                f'{self._path}: {count} frames were read, but it announces {self._count}; '
+                f'{self._path}: {count} frames were read, but its header says {self._count}; '
                 'it may be damaged'
             )
             if warning not in self.warnings:

@@ -27,7 +27,8 @@ def test_without_a_map_the_node_waits_for_one(client, vpr, show, map_path, tmp_p
     node = vpr(fixed_length=1, save_map_path=tmp_path / 'copy.db')
     assert show(3) == -1
     answer = client.call(Trigger, '/vpr_node/save_map')
-    assert (answer.success, answer.message) == (False, 'there is no map to save')
+    assert not answer.success
+    assert answer.message == 'there is no map to save; load one with ~/load_map'
     answer = client.call(LoadMap, '/vpr_node/load_map', map_url=f'file://{map_path}')
     assert answer.result == LoadMap.Response.RESULT_SUCCESS
     assert show(3) == 3

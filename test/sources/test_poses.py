@@ -151,7 +151,7 @@ def test_frames_of_a_folder_know_their_poses_and_their_camera(folder, file, tmp_
         ('image_width: 64', 'neither a calibration of ROS'),
         ('[' * 1000, 'neither a calibration of ROS'),
         ('!!python/object/apply:os.system [true]', 'neither a calibration of ROS'),
-        (CALIBRATION.replace('50, 0,', '50,'), 'matrices of 8 and 12 numbers'),
+        (CALIBRATION.replace('50, 0,', '50,'), 'matrices K and P of 8 and 12 numbers'),
         (CALIBRATION.replace('50, 0, 30, 0, 51, 20', '0, 0, 0, 0, 0, 0').replace(', 1]', ', 0]'),
          'not calibrated'),
         (CALIBRATION.replace('50', '-50'), 'are not those of a camera'),
