@@ -20,8 +20,8 @@ Printed by `convseq config --markdown`. They are the same for the node (`-p NAME
 `--params-file`), for `convseq replay --config FILE` and as options (`--min-margin 0.01`).
 `convseq config > my.yaml` prints all of them, ready to edit; a name that is not listed is an
 error. Those marked * may change while the node runs. `build-map` takes those of keyframes and
-motion, `image_size_px`, `image_mask`, `image_rotation_deg`, `camera_to_base`, `max_image_mpx` and
-`max_file_mb`.
+motion, `image_size_px`, `resize`, `image_mask`, `image_rotation_deg`, `camera_to_base`,
+`max_image_mpx` and `max_file_mb`, as options or of the same `--config FILE`.
 
 """
 DEFAULTS = 'Every parameter of vpr_node with its default; printed by `convseq config`.'
