@@ -75,7 +75,6 @@ _PERIOD_NS = 100_000_000
 # The target of issue 37: so long on a core that does so many GFLOP/s, and so many operations.
 _ALL_BUT_KERNELS_MS, _GFLOPS, _GOP = 5.0, 125.0, 1.0
 _WANTED = {1_000: 0.9, 10_000: 1.0, 100_000: 1.2}  # times that, by places
-_UNCOMPILED_MS = 40.0  # by NumPy alone, 1,000 places
 
 
 class Drive:
@@ -154,7 +153,7 @@ def _frames(work: Work, size: int, ideal_ms: float | None) -> list[Finding]:
     stages_ms[REST] = total_ms - sum(stages_ms.values())
     wanted_ms = ideal_ms and ideal_ms * _WANTED[size] if size in _WANTED else None
     if not available():
-        wanted_ms = _UNCOMPILED_MS
+        wanted_ms = None
     pairs = float(np.median([match.pairs_scored for match in matches]))
     regions = np.mean([salient(describe(image)) for image in work.images[::8]])
     whole_pairs = pairs + rough / COHERENT.rough_step**4

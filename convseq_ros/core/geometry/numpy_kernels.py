@@ -5,7 +5,7 @@
 from collections.abc import Sequence
 from functools import lru_cache
 
-from convseq_ros.core.encoding.regions import REGION, Regions
+from convseq_ros.core.encoding.regions import Regions
 from convseq_ros.core.geometry.displacement import Displacements, FIELD, PackedRegions, weights
 from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
 from convseq_ros.core.geometry.verification import initial_motion, MOTION, Motion
@@ -107,30 +107,26 @@ def _moved(images: Floats, start: Sequence[int], fill: float) -> Floats:
 
 def _tried(query: PackedRegions, reference: PackedRegions, start: tuple[int, int]) -> Floats:
     """Return similarities (side, side, span, span) by place and displacement; 0 if outside."""
+    side = query.side
+    image, other = (each.regions.reshape(side, side, -1) for each in (query, reference))
     # The reference is shifted by the first displacement of the search and padded with zeros.
-    side, wide = query.side, query.side + _SPAN - 1
-    image = reference.regions.reshape(side, side, -1)
-    moved = _moved(image, [middle - FIELD.reach_cells for middle in start], 0)
-    # For each row of the query, a band of all rows within reach.
-    shape = side, _SPAN * wide, REGION.numbers
-    bands = np.lib.stride_tricks.as_strided(moved, shape, moved.strides)
-    dots = query.regions.reshape(side, side, -1) @ bands.transpose(0, 2, 1)
-    steps = dots.reshape(side, side, _SPAN, wide).strides
-    # One column further right in the query is one column further right in the reference.
-    strides = steps[0], steps[1] + steps[3], steps[2], steps[3]
-    return np.lib.stride_tricks.as_strided(dots, (side, side, _SPAN, _SPAN), strides)
+    moved = _moved(other, [middle - FIELD.reach_cells for middle in start], 0)
+    tried = np.empty((side, side, _SPAN, _SPAN), np.float32)
+    for i, j in np.ndindex(_SPAN, _SPAN):
+        tried[:, :, i, j] = np.einsum('yxk,yxk->yx', image, moved[i : i + side, j : j + side])
+    return tried
 
 
 def _turned(means: Floats, start: tuple[int, int]) -> Floats:
     """Return the same similarities by the place in the reference, backwards; or -inf."""
     # The places are shifted by the last displacement of the search and padded with -inf.
-    last = [1 - _SPAN + FIELD.reach_cells - middle for middle in start]
-    moved = _moved(means, last, -np.inf)
-    # A displacement by one more cell starts one cell earlier.
-    down, right, row, column = moved.strides
-    strides = down, right, row - down, column - right
-    first = moved[_SPAN - 1 :, _SPAN - 1 :]
-    return np.lib.stride_tricks.as_strided(first, means.shape, strides)
+    side, last = len(means), [1 - _SPAN + FIELD.reach_cells - middle for middle in start]
+    moved, turned = _moved(means, last, -np.inf), np.empty_like(means)
+    for i, j in np.ndindex(_SPAN, _SPAN):
+        # A displacement by one more cell starts one cell earlier.
+        top, left = _SPAN - 1 - i, _SPAN - 1 - j
+        turned[:, :, i, j] = moved[top : top + side, left : left + side, i, j]
+    return turned
 
 
 @lru_cache(_NORMS_KEPT)

@@ -4,7 +4,6 @@
 
 from collections.abc import Sequence
 from functools import cache
-from threading import local
 
 from convseq_ros.core.encoding.regions import (
     Cells,
@@ -83,10 +82,9 @@ def coherent_score(
     Gaussian of 1.5 cells. The shift is rows and columns, in cells, from the query to the
     reference; positive columns: things are further right in the reference.
     """
-    similarity, turned = _scratch(len(query.index), len(reference))
-    np.dot(query.regions, reference.T, out=similarity)
+    similarity = query.regions @ reference.T
     # Transposed first: argmax down the columns takes five times as long.
-    there, back = similarity.argmax(axis=1), cv2.transpose(similarity, turned).argmax(axis=1)
+    there, back = similarity.argmax(axis=1), cv2.transpose(similarity).argmax(axis=1)
     votes = _votes(query.index, there, query.side)
     votes += _votes(query.index[back], slice(None), query.side) * (len(there) / len(back))
     peak = cv2.sepFilter2D(votes, -1, window, window, borderType=cv2.BORDER_CONSTANT)
@@ -94,18 +92,6 @@ def coherent_score(
     row, column = divmod(place, peak.shape[1])
     score = float(peak.flat[place]) / (2 * len(there))
     return min(score, 1.0), (float(row - query.side + 1), float(column - query.side + 1))
-
-
-_memory = local()
-
-
-def _scratch(rows: int, columns: int) -> tuple[Regions, Regions]:
-    """Return memory for similarities and their transpose; it is reused, as allocation is slow."""
-    needed = rows * columns
-    if getattr(_memory, 'numbers', np.empty((2, 0))).shape[1] < needed:
-        _memory.numbers = np.empty((2, needed), np.float32)
-    first, second = _memory.numbers[:, :needed]
-    return first.reshape(rows, columns), second.reshape(columns, rows)
 
 
 def _votes(start: Indices, end: Indices | slice, side: int) -> Doubles:
