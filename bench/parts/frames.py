@@ -24,7 +24,6 @@ from convseq_ros.core.decision.belief import Belief, MotionModel
 from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.observation import OBSERVED, Observer
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
-from convseq_ros.core.decision.paper import query_buffer
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.map.reader import open_map
@@ -53,7 +52,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     'reading places': ((ReferenceMap, 'packed_of'),),
     'preparing places': ((FeatureCache, '_made'),),
     'pair scores': ((FeatureCache, 'scores_of'),),
-    'verification': ((Matcher, 'verified'), (query_buffer, 'verify')),
+    'verification': ((Matcher, 'verified'),),
     'observation ratios': ((Observer, 'observe'),),
     'belief': (
         (MotionModel, 'move'),

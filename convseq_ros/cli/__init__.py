@@ -61,7 +61,9 @@ def main(args: Sequence[str] | None = None) -> int:
         command.describe(subparser)
         options = subparser.parse_args(chosen.arguments)
         refuse_foreign(_words_of(options))
-        return int(command.run(options))
+        code = int(command.run(options))
+        sys.stdout.flush()
+        return code
     except ConvseqError as error:
         problem = str(error)
     except BrokenPipeError as error:

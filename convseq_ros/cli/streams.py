@@ -6,7 +6,7 @@ import codecs
 from contextlib import suppress
 import os
 import sys
-from typing import Any
+from typing import Any, TextIO
 
 from convseq_ros.errors import escaped
 
@@ -35,14 +35,18 @@ def finish(code: int) -> int:
         discard()
         with suppress(OSError):
             print(f'convseq: {OUTPUT}: {error.strerror}', file=sys.stderr)
-        return code or 1
+        code = code or 1
+    try:
+        sys.stderr.flush()
+    except OSError:  # Python would end with a code of its own
+        discard(sys.stderr)
     return code
 
 
-def discard() -> None:
-    """Write nothing more to standard output."""
+def discard(stream: TextIO | None = None) -> None:
+    """Write nothing more to a stream, standard output unless another is given."""
     with suppress(OSError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), (stream or sys.stdout).fileno())
 
 
 def _in_hexadecimal(error: Any) -> tuple[str, int]:

@@ -116,6 +116,7 @@ def test_a_closed_output_costs_no_map(drive, tmp_path):
     assert (done.returncode, done.stderr, len(open_map(path))) == (0, '', 3)
 
 
+@pytest.mark.parametrize('unbuffered', ['', '1'])
 @pytest.mark.parametrize(
     ('end', 'code', 'told'),
     [
@@ -124,7 +125,10 @@ def test_a_closed_output_costs_no_map(drive, tmp_path):
         ('| true; (exit ${PIPESTATUS[0]})', 0, ''),
     ],
 )
-def test_an_output_that_is_full_or_left_is_one_line_at_most(end, code, told):
+def test_an_output_that_is_full_or_left_is_one_line_at_most(
+    end, code, told, unbuffered, monkeypatch
+):
+    monkeypatch.setenv('PYTHONUNBUFFERED', unbuffered)
     done = bash(f'{shlex.join([*CONVSEQ, "info", "--json"])} {end}')
     assert (done.returncode, done.stderr) == (code, told)
 
