@@ -56,6 +56,8 @@ def test_the_torture_finds_out_who_lies(tmp_path):
     assert 'grow' in SCENARIOS
     if not compiler():
         pytest.skip('needs a C compiler')
+    pytest.importorskip('mcap', reason='the attacks need mcap: pip install mcap')
+    pytest.importorskip('rosbags', reason='the attacks need rosbags: pip install rosbags')
     from bench.torture.disk import environment
 
     done = run(
