@@ -22,7 +22,7 @@ from convseq_ros.core.map.edit import joined, slices_of, unlink, without, write_
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.result_row import COLUMNS, row
-from convseq_ros.core.types import Match, Reason
+from convseq_ros.core.types import Match, Reason, RelativePose
 from convseq_ros.errors import MapError
 from convseq_ros.io.results import read_results, ResultWriter
 
@@ -172,6 +172,8 @@ def _old_or_new(scenario: Scenario, path: Path, commits: Commits, acknowledged: 
     found = _content(path)
     assert found == new or (found == old and acknowledged < 0), 'neither the old nor the new one'
     if found == old:
+        if scenario.act is _save:
+            _goes_on(scenario, path, commits, commits[0])
         scenario.act(path, commits, Acknowledged())
     assert _content(path) == new
     if scenario.act is not _complete:  # the table of a run that failed stays, under another name
@@ -198,8 +200,23 @@ def _content(path: Path) -> object:
     assert not opened.problem, opened.problem
     pictures = opened.pictures(range(len(opened)))
     shown = [(one.packed.tobytes(), one.thumbnail) for one in pictures]
-    links = [(link.place, link.other, link.confidence) for link in opened.links.each()]
-    return [*opened.places], shown, links
+    links = [
+        (one.place, one.other, one.anchor, one.confidence, one.inliers, _moved(one.relative))
+        for one in opened.links.each()
+    ]
+    return [*opened.places], shown, links, opened.links.looked_up_count
+
+
+def _moved(relative: RelativePose | None) -> object:
+    return relative and (relative.position_m, relative.orientation, relative.covariance.tolist())
+
+
+def _links_again(scenario: Scenario, path: Path, commits: Commits, _acknowledged: int) -> None:
+    """Check that all places are there, and that the command goes on and leaves one file."""
+    assert len(open_map(path)) == commits[0]
+    scenario.act(path, commits, Acknowledged())
+    assert open_map(path).is_linked and holds(path) == commits[0]
+    _nothing_beside(path)
 
 
 def _nothing_beside(path: Path) -> None:
@@ -228,7 +245,7 @@ SCENARIOS = {
     'save': Scenario(_some, _save, _old_or_new),
     'save over a crash': Scenario(_crashed, _save, _old_or_new),
     'unlink': Scenario(_some, _unlink, _old_or_new),
-    'link': Scenario(_unlinked, _link, _old_or_new),
+    'link': Scenario(_unlinked, _link, _links_again),
     'remove': Scenario(_some_more, _remove, _old_or_new),
     'result table': Scenario(_rows, _tabulate, _tabulated, is_synced=False),
     'complete result table': Scenario(_older, _complete, _old_or_new),

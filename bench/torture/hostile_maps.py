@@ -49,7 +49,7 @@ Change = Callable[[sqlite3.Connection, random.Random], None]
 
 def _run(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Repeatedly make a hostile map, and run a command with it in a fork."""
-    draw, drive = random.Random(seed), folder / 'drive'
+    draw, drive, ways = random.Random(seed), folder / 'drive', [*_WAYS.items()]
     cv2.setNumThreads(1)
     drive.mkdir()
     for index in range(3):
@@ -61,7 +61,7 @@ def _run(count: int, seed: int, folder: Path) -> Iterator[Try]:
             path, victim = Path(scratch, 'map.db'), Path(scratch, 'victim')
             victim.write_text('of somebody')
             save_map(drawn(_PLACES), path)
-            name, way = draw.choice([*_WAYS.items()])
+            name, way = ways[number % len(ways)]
             way(path, draw)
             command, arguments = draw.choice([*_commands(path, drive).items()])
             problem = problem_of(lambda arguments=arguments: convseq(arguments))

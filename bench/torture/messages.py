@@ -5,7 +5,6 @@
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-import os
 from pathlib import Path
 import random
 from typing import Any
@@ -33,7 +32,9 @@ _CAMERAS = ((480, 640), (1_080, 1_920), (2_160, 3_840), (4_320, 7_680))
 _BURST, _SHARE_OF_CAMERAS, _MOST_PIXELS = 30, 0.05, 48_000_000
 _MOST_MB, _MOST_LEFT_MB = 2_000, 256 + 100
 _NEXT_S, _PATIENCE_S, _LEFT_S = 10.0, 120.0, 10.0  # until the next image, all answers, the end
+_ANSWER_S = 30.0  # until a call, or an image after odd messages, is answered
 _CALLS, _CALLS_A_FRAME, _CALL_S = 50, 5, 0.02
+_DEPTH = '/depth'
 _FLOATS = (
     0.0, 1.0, -1.0, 500.0, 5e-324, 2.2e-308, 1e-300, 1e308, float('inf'), float('-inf'),
     float('nan'),
@@ -53,9 +54,8 @@ class Sender:
         self.one, self._draw, self._folder = one, draw, folder
         self._sent, self._stamp_ns, self._before_mb = 0, 10**18, one.resident_mb()
         self._clients: dict[str, Any] = {}
-        topics = (Odometry, '/odom'), (CameraInfo, '/camera_info'), (Clock, '/clock')
         self._publishers = {
-            kind: one.node.create_publisher(kind, topic, 10) for kind, topic in topics
+            kind: one.node.create_publisher(kind, topic, 10) for kind, (topic, _) in _ODD.items()
         }
 
     def images(self) -> tuple[list[str], str]:
@@ -79,32 +79,27 @@ class Sender:
         self._sent -= unaccounted(self.one, self._sent)  # report a problem only once
         return burst * [f'{message.height} x {message.width} {message.encoding!r}'], problem
 
-    def clock(self) -> tuple[list[str], str]:
-        """Publish an odd time."""
-        message = Clock()
-        message.clock.sec = self._draw.choice((-(2**31), -1, 0, 1, 2**31 - 1))
-        self._publishers[Clock].publish(message)
-        return [f'clock {message.clock.sec}'], self._unanswered()
+    def message(self) -> tuple[list[str], str]:
+        """Publish an odd message that is no image of the camera."""
+        kind = self._draw.choice([*_ODD])
+        self._publishers[kind].publish(_ODD[kind][1](self._draw))
+        return [kind.__name__], self._unanswered()
 
     def set_clock(self) -> tuple[list[str], str]:
         """Set `use_sim_time` to another value, which must be refused."""
         value = Parameter('use_sim_time', value=False).to_parameter_msg()
         asked = self._call('set_parameters', SetParameters.Request(parameters=[value]))
-        if not self.one.wait_for(asked.done, _PATIENCE_S):
+        if not self.one.wait_for(asked.done, _ANSWER_S):
             return ['set'], 'set_parameters is not answered'
         was_set = asked.result().results[0].successful
         return ['set'], 'use_sim_time was set' if was_set else self._unanswered()
 
-    def info(self) -> tuple[list[str], str]:
-        """Publish an odd calibration."""
-        self._publishers[CameraInfo].publish(_camera_info(self._draw))
-        return ['info'], self._unanswered()
-
-    def cut(self) -> tuple[list[str], str]:
-        """Cut the growing map short under the node."""
+    def harm(self) -> tuple[list[str], str]:
+        """Cut the growing map short under the node, or overwrite it in place."""
         path = self._folder / 'map.db'
-        os.truncate(path, path.stat().st_size // 2)
-        return ['cut'], self._unanswered()
+        content = path.read_bytes()
+        path.write_bytes(self._draw.choice((content[: len(content) // 2], bytes(len(content)))))
+        return ['harm'], self._unanswered()
 
     def calls(self) -> tuple[list[str], str]:
         """Call services at 50 Hz, and send images at 10 Hz."""
@@ -115,10 +110,11 @@ class Sender:
                 self._send_image()
             asked.append(self._call(name, _request(name, self._draw, self._folder)))
             self.one.spin(_CALL_S)
+        names.append('set_enabled')
         asked.append(self._call('set_enabled', SetBool.Request(data=True)))
-        self.one.wait_for(lambda: all(future.done() for future in asked), _PATIENCE_S)
-        late = [name for name, future in zip(names, asked, strict=False) if not future.done()]
-        return names, f'{late[0]} is not answered' if late else self._unanswered()
+        self.one.wait_for(lambda: all(future.done() for future in asked), _ANSWER_S)
+        late = [name for name, future in zip(names, asked, strict=True) if not future.done()]
+        return names, f'not answered: {", ".join(late)}' if late else self._unanswered()
 
     def _call(self, name: str, request: Any) -> Any:
         if name not in self._clients:
@@ -141,7 +137,7 @@ class Sender:
         """Send a good image; return a problem if it is not answered."""
         before = self.one.answers
         self._send_image()
-        if self.one.wait_for(lambda: self.one.answers > before, _PATIENCE_S):
+        if self.one.wait_for(lambda: self.one.answers > before, _ANSWER_S):
             return ''
         return self._ended() or 'the next image is not answered'
 
@@ -181,7 +177,8 @@ def _run(
 
 def _cleaned_up(count: int, _seed: int, folder: Path) -> Iterator[Try]:
     """Clean a managed node up right after it is configured."""
-    path = folder / 'map.db'
+    path = folder / 'maps' / 'map.db'
+    path.parent.mkdir()
     with robot(folder, waits=False, mode='online', map_path=path, lifecycle=True) as one:
         client = one.node.create_client(ChangeState, '/vpr_node/change_state')
         one.wait_for(client.service_is_ready, _PATIENCE_S)
@@ -190,13 +187,15 @@ def _cleaned_up(count: int, _seed: int, folder: Path) -> Iterator[Try]:
             problem = ''
             for step in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP):
                 asked = client.call_async(ChangeState.Request(transition=Transition(id=step)))
-                if not one.wait_for(asked.done, _PATIENCE_S) or not asked.result().success:
+                if not one.wait_for(asked.done, _ANSWER_S) or not asked.result().success:
                     problem = f'transition {step} failed'
             try:
                 with MapLock(path):
                     pass
             except MapError as error:
                 problem = problem or str(error)
+            if left := {one.name for one in path.parent.iterdir()} - {path.name}:
+                problem = problem or f'left behind: {", ".join(left)}'
             yield Try(f'{number}: cleanup', problem)
 
 
@@ -246,6 +245,12 @@ def _camera_info(draw: random.Random) -> CameraInfo:
     return message
 
 
+def _clock(draw: random.Random) -> Clock:
+    message = Clock()
+    message.clock.sec = draw.choice((-(2**31), -1, 0, 1, 2**31 - 1))
+    return message
+
+
 def _request(name: str, draw: random.Random, folder: Path) -> object:
     if name == 'set_enabled':
         return SetBool.Request(data=draw.random() < 0.7)
@@ -261,7 +266,14 @@ def _request(name: str, draw: random.Random, folder: Path) -> object:
     return Trigger.Request()
 
 
-_ODD = Sender.clock, Sender.set_clock, Sender.info, Sender.cut
+# Topics, and what makes odd messages for them.
+_ODD: dict[type, tuple[str, Callable[[random.Random], Any]]] = {
+    Odometry: ('/odom', _odometry),
+    CameraInfo: ('/camera_info', _camera_info),
+    Clock: ('/clock', _clock),
+    Image: (_DEPTH, lambda draw: _odd_image(draw)[0]),
+}
+_WITH_DEPTH = {'use_sim_time': True, 'depth_topic': _DEPTH}
 ATTACKS = {
     'images': Attack(
         'Images of 1 x 1 to 8,000 x 6,000 px, in every encoding and in none, of lying sizes, in '
@@ -274,18 +286,19 @@ ATTACKS = {
     ),
     'node_messages': Attack(
         '`/clock` below zero, `use_sim_time` set at run time, `camera_info` of the smallest '
-        'numbers there are; the growing map is cut short',
-        'the node lives, and answers the next image',
-        60, 20, 0, partial(_run, _ODD, {'use_sim_time': True}),
+        'numbers there are, odd odometry and depth images; the growing map is cut short or '
+        'overwritten in place',
+        'the clock is not changed; the node lives, and answers the next image within 30 s',
+        60, 20, 0, partial(_run, [Sender.message, Sender.set_clock, Sender.harm], _WITH_DEPTH),
     ),
     'services': Attack(
         '`~/reset`, `~/set_enabled`, `~/save_map`, `~/load_map` and parameters, called at 50 Hz',
-        'every call is answered; the node lives, and answers frames afterwards',
+        'every call is answered within 30 s; the node lives, and answers frames afterwards',
         1_200, 200, 0, partial(_run, [Sender.calls], {'image_size_px': 256}),
     ),
     'cleanup': Attack(
         'A managed node is cleaned up right after it is configured',
-        'both succeed, and nobody holds the map',
+        'both succeed, nobody holds the map, and nothing lies beside it',
         30, 10, 0, _cleaned_up,
     ),
 }  # fmt: skip
