@@ -65,7 +65,9 @@ def _measure(chosen: argparse.Namespace, folder: Path) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='bench', description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, prog='bench', description=__doc__.splitlines()[1]
+    )
     parser.add_argument('parts', nargs='*', metavar='PART', help=f'of {", ".join(PARTS)} (all)')
     parser.add_argument('--quick', action='store_true', help='tiny: only checks that it runs')
     parser.add_argument('--sizes', type=int, nargs='+', help='references of the maps')

@@ -153,7 +153,7 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
 
 def main() -> int:
     """Run one of the two measurements and print it as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument('what', choices=['frames', 'build'])
     parser.add_argument('--places', type=int, default=100_000)
     parser.add_argument('--maps', type=int, default=10)

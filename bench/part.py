@@ -76,7 +76,7 @@ def main() -> None:
     """Measure one part and print its findings."""
     from bench.material import Work
 
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(allow_abbrev=False)
     parser.add_argument('part', choices=PARTS)
     parser.add_argument('--folder', type=Path, required=True)
     parser.add_argument('--sizes', type=int, nargs='+', required=True)

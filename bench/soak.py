@@ -207,7 +207,9 @@ def _picture(samples: Sequence[Sample], title: str, path: Path) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='soak', description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, prog='soak', description=__doc__.splitlines()[1]
+    )
     parser.add_argument('--mode', choices=('online', 'preloaded'), default='preloaded')
     parser.add_argument('--rate', type=float, default=0.0, help='Hz; 0: as fast as it can (0)')
     parser.add_argument('--frames', type=int, default=0, help='how many to send; 0: no limit')

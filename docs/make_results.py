@@ -36,7 +36,7 @@ OPPOSITE = 'gardens_point_right_left'  # the direction in which others measure: 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and write; 0 when done, 1 if a part could not be measured."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__.splitlines()[1])
     parser.add_argument('sets', nargs='*', help='data sets (all whose images are there)')
     parser.add_argument('--data-root', type=Path, default=Path('../shared/data'))
     parser.add_argument('--results', type=Path, default=Path('docs/results'), help='run folder')

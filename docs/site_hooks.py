@@ -46,7 +46,7 @@ def commands() -> str:
         if name in NODES:
             continue
         command = import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
-        command.describe(parser := argparse.ArgumentParser())
+        command.describe(parser := argparse.ArgumentParser(allow_abbrev=False))
         for verbs in (one for one in parser._actions if one.nargs == argparse.PARSER):
             for own in verbs.choices or {}:
                 parts.append(_section(f'{name} {own}', verbs.choices[own].description or ''))

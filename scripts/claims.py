@@ -136,7 +136,7 @@ def recalls(data: Path, sets: Sequence[str]) -> Iterator[Claim]:
 
 def main() -> int:
     """Measure and print; 1 if a figure does not hold."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__.splitlines()[1])
     default = HERE.parents[1] / 'shared' / 'data'
     parser.add_argument('--data', type=Path, default=default, help='folder of data sets')
     parser.add_argument('--sets', nargs='*', default=[*SETS.values()], help='of the table')

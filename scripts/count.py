@@ -63,7 +63,7 @@ def count(text: str) -> Counter[str]:
 
 def main() -> None:
     """Count, and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument('paths', type=Path, nargs='+')
     paths, total = parser.parse_args().paths, Counter[str]()
     print('| file | ' + ' | '.join(COLUMNS) + ' |\n|---' + '|---' * len(COLUMNS) + '|')

@@ -25,7 +25,7 @@ Shots = list[tuple[float, Frame]]  # distance along the way in metres, and frame
 
 def options(description: str | None, **defaults: Any) -> argparse.Namespace:
     """Parse the command line; a default of None is a path, [] are paths, a list several values."""
-    parser = argparse.ArgumentParser(description=description)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=description)
     for name, default in defaults.items():
         flag = f'--{name.replace("_", "-")}'
         if default is False:

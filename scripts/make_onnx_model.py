@@ -23,7 +23,7 @@ OPSET, IR = 13, 8  # supported by onnxruntime 1.10 and later
 
 def main() -> int:
     """Write the model."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument('output', type=Path)
     parser.add_argument('--kind', choices=('hog', 'random'), default='hog')
     parser.add_argument('--size', type=int, default=96, help='side of its input, px (96)')

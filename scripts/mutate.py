@@ -136,7 +136,7 @@ def concern(name: str) -> list[str]:
 
 def main() -> None:
     """Make a sample of mutants, and count those that tests catch."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__.splitlines()[1])
     parser.add_argument('--count', type=int, default=300)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--folders', nargs='*', default=['decision', 'pose', 'map'])

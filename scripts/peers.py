@@ -152,7 +152,7 @@ def criteria(run: Run) -> list[str]:
 
 def main() -> None:
     """Measure, and print two tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument('--data', type=Path, required=True)
     parser.add_argument('--sets', nargs='*', default=SETS)
     parser.add_argument('--methods', nargs='*', default=[*NAMES])

@@ -101,7 +101,7 @@ def test_the_page_of_commands_has_every_option_of_every_command(monkeypatch):
         assert told and '(; ' not in told
         if name not in NODES:  # which need ROS to say it
             command = importlib.import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
-            parser = argparse.ArgumentParser()
+            parser = argparse.ArgumentParser(allow_abbrev=False)
             command.describe(parser)
             unsaid = [one for one in options_of(parser) if not re.search(rf'{one}(?![\w-])', told)]
             assert not unsaid, name

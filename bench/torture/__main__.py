@@ -71,7 +71,9 @@ def _report(outcome: Outcome) -> None:
 
 
 def _parser(names: list[str]) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='torture', description=__doc__.splitlines()[1])
+    parser = argparse.ArgumentParser(
+        allow_abbrev=False, prog='torture', description=__doc__.splitlines()[1]
+    )
     parser.add_argument('attacks', nargs='*', metavar='ATTACK', help=f'of {", ".join(names)}')
     parser.add_argument('--count', type=int, help='tries, instead of those of each attack')
     parser.add_argument('--short', action='store_true', help='as few tries as in the tests')

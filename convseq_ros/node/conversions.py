@@ -74,14 +74,13 @@ def answer_message(
 
 
 def row_message(header: Header, text: str, values: Mapping[str, object]) -> DiagnosticArray:
-    """Return names and values in one message; None is an empty text."""
+    """Return names and values, one of them `map_id`, in one message; None is an empty text."""
     pairs = [
         KeyValue(key=name, value='' if value is None else str(value))
         for name, value in values.items()
     ]
-    status = DiagnosticStatus(
-        level=DiagnosticStatus.OK, name='convseq_ros', message=text, values=pairs
-    )
+    source = {'name': 'convseq_ros', 'hardware_id': str(values['map_id'])}
+    status = DiagnosticStatus(level=DiagnosticStatus.OK, message=text, values=pairs, **source)
     return DiagnosticArray(header=header, status=[status])
 
 

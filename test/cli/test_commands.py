@@ -73,7 +73,7 @@ def test_each_recording_of_a_folder_is_a_session_if_asked(tmp_path, capsys):
 
 @pytest.mark.parametrize('said', ['0 0 0 0 0 0', '0.5 0 0 0 0 0'])
 def test_where_the_camera_is_said_to_be_wins_over_tf(tmp_path, said):
-    replay.describe(parser := argparse.ArgumentParser())
+    replay.describe(parser := argparse.ArgumentParser(allow_abbrev=False))
     words = ['drive', '--map', 'map.db', '--base-frame', 'base']
     tf = chosen_images(parser.parse_args(words))['tf']
     assert (tf.base_frame, tf.camera_to_base) == ('base', '')

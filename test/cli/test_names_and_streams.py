@@ -6,6 +6,7 @@ import errno
 import json
 import os
 from pathlib import Path
+import re
 import shlex
 import subprocess
 import sys
@@ -21,6 +22,9 @@ from pictures import scene, written
 import pytest
 
 CONVSEQ = [sys.executable, '-m', 'convseq_ros.cli']
+REPOSITORY = Path(__file__).resolve().parents[2]
+PROGRAMS = 'bench', 'convseq_ros', 'docs', 'examples', 'scripts'
+PARSER = re.compile(r'argparse\.ArgumentParser\(([^)]*)')
 NAMES = [b'M\xfcnchen', b'new\nline', b"it's \\ a #?%20&b"]
 
 
@@ -102,6 +106,13 @@ def test_options_have_no_abbreviations():
         with pytest.raises(SystemExit):
             parser.parse_args(words)
     assert parser.parse_args(['verb', '--output', 'x']).output == 'x'
+
+
+def test_no_program_of_the_repository_has_a_parser_that_takes_abbreviations():
+    files = [one for room in PROGRAMS for one in (REPOSITORY / room).rglob('*.py')]
+    calls = [call for one in files for call in PARSER.findall(one.read_text(encoding='utf-8'))]
+    assert len(calls) > 10
+    assert all(call.strip().startswith('allow_abbrev=False') for call in calls), calls
 
 
 def bash(line):

@@ -129,6 +129,7 @@ def test_whoever_looks_sees_the_way_of_the_map(client, vpr, map_path):
     paths = client.listen(Path, '/vpr_node/reference_path', LATCHED)
     client.wait_for(lambda: paths, 'the path that was published at the start')
     assert [each.pose.position.x for each in paths[0].poses] == list(range(25))
+    assert {each.header.frame_id for each in (paths[0], *paths[0].poses)} == {'map'}
 
 
 SECOND = 1_000_000_000
@@ -150,7 +151,8 @@ def test_every_frame_has_an_answer_that_is_its_row(client, vpr, show, map_path, 
         found = client.values_of(message)
         assert {name: found[name] for name in COLUMNS} == row
         assert message.status[0].message == row['reason']
-        assert found['map_id'] == reference_map.map_id
+        assert message.header.frame_id == 'map'
+        assert found['map_id'] == message.status[0].hardware_id == reference_map.map_id
         assert not row['best_index'] or found['session_id'] == reference_map.sessions[0].id
     anchors = {row['anchor_session'] for row in rows if row['reason'] == 'accepted'}
     assert anchors == {reference_map.sessions[0].id}
@@ -163,6 +165,7 @@ def test_the_map_is_told_to_whoever_comes_late(client, vpr, map_path):
     client.wait_for(lambda: told)
     message = told[0]
     found = client.values_of(message)
-    assert found['map_id'] == open_map(map_path).map_id
+    assert found['map_id'] == message.status[0].hardware_id == open_map(map_path).map_id
+    assert message.header.frame_id == 'map'
     assert (found['places'], found['with_pose'], found['sessions']) == ('25', '25', '1')
     assert message.status[0].message == '25 places, 25 with a pose'

@@ -146,7 +146,7 @@ def test_the_line_gives_no_value_that_the_parameter_does_not_take():
     'command', ['build-map', 'replay', 'evaluate', 'info', 'report', 'locate']
 )
 def test_a_command_that_reads_files_takes_every_limit(command):
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(allow_abbrev=False)
     import_module(f'convseq_ros.cli.{command.replace("-", "_")}').describe(parser)
     for name in LEAST:
         assert f'--{name.replace("_", "-")}' in parser.format_help()
