@@ -149,7 +149,7 @@ def _table_of_another(database: sqlite3.Connection, draw: random.Random) -> None
 
 
 def _index(database: sqlite3.Connection, draw: random.Random) -> None:
-    last = draw.choice(_NUMBERS[1:])
+    last = draw.choice([one for one in _NUMBERS if one and isinstance(one, int)])
     for table in draw.choice((_OF_A_PLACE, _OF_A_PLACE[:1])):
         which = f'WHERE reference_index = {_PLACES - 1}'
         database.execute(f'UPDATE {table} SET reference_index = {last} {which}')
