@@ -182,9 +182,9 @@ def launched(monkeypatch):
         *arguments, start = including.execute(namespace['generate_launch_description']).args[0]
         context = {one.args[0]: one.kwargs['default_value'] for one in arguments}
         context |= dict(including.launch_arguments)
-        (node,) = start.kwargs['function'](context | others, *start.kwargs['args'])
+        node, *beside = start.kwargs['function'](context | others, *start.kwargs['args'])
         assert {item.name for item in PARAMETERS} < context.keys()
-        return node.kwargs
+        return node.kwargs | {'beside': [one.kwargs for one in beside]}
 
     return make
 
@@ -214,6 +214,15 @@ def test_every_parameter_is_a_launch_argument_of_its_type(launched):
     }  # fmt: skip
     with pytest.raises(ConfigError, match=r'queue_size: 0 is outside 1 \.\. 10000'):
         launched('queue_size:=0')
+
+
+def test_the_node_is_started_again_logs_more_and_is_shown_if_asked(launched):
+    node = launched('map_path:=map.db')
+    assert not node['respawn'] and not node['beside']
+    node = launched('respawn:=true rviz:=true log_level:=debug')
+    assert node['respawn'] and node['ros_arguments'] == ['--log-level', 'debug']
+    assert node['beside'][0]['package'] == 'rviz2'
+    assert node['beside'][0]['arguments'] == ['-d', '/share/config/convseq.rviz']
 
 
 @pytest.mark.parametrize(

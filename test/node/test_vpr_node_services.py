@@ -29,7 +29,10 @@ def test_without_a_map_the_node_waits_for_one(client, vpr, show, map_path, tmp_p
     answer = client.call(Trigger, '/vpr_node/save_map')
     assert not answer.success
     assert answer.message == 'there is no map to save; load one with ~/load_map'
-    answer = client.call(LoadMap, '/vpr_node/load_map', map_url=f'file://{map_path}')
+    named = tmp_path / 'my map.db'
+    named.write_bytes(map_path.read_bytes())
+    url = f'file://{tmp_path}/my%20map.db'
+    answer = client.call(LoadMap, '/vpr_node/load_map', map_url=url)
     assert answer.result == LoadMap.Response.RESULT_SUCCESS
     assert show(3) == 3
     client.wait_for(lambda: node._statistics.reasons == {'no_map': 1, 'accepted': 1})

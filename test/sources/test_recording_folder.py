@@ -70,6 +70,12 @@ def test_of_a_cut_file_and_its_whole_one_the_whole_one_is_read(write, tmp_path, 
     assert_shows(folder, pictures, f'{cut}: {full} holds the same messages')
 
 
+def test_a_bag_beside_its_original_is_read_once(write, pictures):
+    bag = write('ros1 bag', recordings.drive(pictures))
+    shutil.copy(bag, bag.with_name('drive.orig.bag'))
+    assert_shows(bag.parent, pictures, 'drive.orig.bag: drive.bag holds the same messages')
+
+
 def test_the_same_times_with_other_images_are_another_recording(write, tmp_path, pictures):
     folder = tmp_path / 'both'
     folder.mkdir()
