@@ -210,6 +210,8 @@ def test_drops_are_told_with_their_cause_and_numbers_of_queries_count_them(
     assert [client.values_of(one)['query_index'] for one in answers] == ['0', '6', '7']
     assert [stamp_to_ns(one.header.stamp) // SECOND for one in answers] == [0, 6, 7]
     client.wait_for(lambda: any(level == 'info' and 'frames came' in text for level, text in told))
+    # An answer is sent before it is counted.
+    client.wait_for(lambda: node._statistics.processed == 3)
     node.context.try_shutdown()
     start = 'at the end: 8 frames came, 3 processed'
     (last,) = client.wait_for(lambda: [text for _, text in told if text.startswith(start)])
