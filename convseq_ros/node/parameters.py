@@ -42,11 +42,6 @@ def declare(node: Node, on_change: Listener) -> tuple[Config, NodeConfig]:
     configs = _configs(values)
 
     def check(changes: Sequence[RosParameter]) -> SetParametersResult:
-        for item in changes:
-            # With another clock, stamps and the times of a growing map would jump.
-            if item.name == _CLOCK and item.value != node.get_parameter(_CLOCK).value:
-                reason = f'{_CLOCK} may only be set at the start: -p {_CLOCK}:=true'
-                return SetParametersResult(successful=False, reason=reason)
         ours = {item.name: item.value for item in changes if item.name in KNOWN}
         try:
             _configs(_current(node) | ours)
@@ -62,15 +57,6 @@ def declare(node: Node, on_change: Listener) -> tuple[Config, NodeConfig]:
         if any(item.name in KNOWN for item in changes):
             on_change(*_configs(_current(node)))
 
-    def prepare(changes: list[RosParameter]) -> list[RosParameter]:
-        try:
-            refuse_unknown([it.name for it in changes if not node.has_parameter(it.name)], KNOWN)
-        except ConfigError as error:
-            node.get_logger().warning(str(error))
-            raise _Unknown(str(error)) from None
-        return _whole_numbers_to_floats(changes)
-
-    node.add_pre_set_parameters_callback(prepare)
     node.add_on_set_parameters_callback(check)
     node.add_post_set_parameters_callback(announce)
     return configs
@@ -89,7 +75,11 @@ def declare_group(node: Node, kind: type[Group]) -> Group:
 
 
 def _declared(node: Node, known: Mapping[str, Parameter]) -> dict[str, Any]:
-    """Declare parameters, and return their values; ConfigError as of `declare`."""
+    """
+    Declare parameters, and return their values; ConfigError as of `declare`.
+
+    Another clock, and unknown names, are refused from then on.
+    """
     chosen = _overrides(node)
     refuse_unknown(chosen, known)
     values = {name: item.check(chosen.get(name, item.default)) for name, item in known.items()}
@@ -97,6 +87,25 @@ def _declared(node: Node, known: Mapping[str, Parameter]) -> dict[str, Any]:
         if name in chosen:
             node.undeclare_parameter(name)
         node.declare_parameter(name, value, descriptor(known[name]), ignore_override=True)
+
+    def prepare(changes: list[RosParameter]) -> list[RosParameter]:
+        try:
+            refuse_unknown([it.name for it in changes if not node.has_parameter(it.name)], known)
+        except ConfigError as error:
+            node.get_logger().warning(str(error))
+            raise _Unknown(str(error)) from None
+        return _whole_numbers_to_floats(changes, known)
+
+    def keep_clock(changes: Sequence[RosParameter]) -> SetParametersResult:
+        for item in changes:
+            # With another clock, stamps and the times of a growing map would jump.
+            if item.name == _CLOCK and item.value != node.get_parameter(_CLOCK).value:
+                reason = f'{_CLOCK} may only be set at the start: -p {_CLOCK}:=true'
+                return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    node.add_pre_set_parameters_callback(prepare)
+    node.add_on_set_parameters_callback(keep_clock)
     return values
 
 
@@ -141,12 +150,14 @@ def _configs(values: Mapping[str, Any]) -> tuple[Config, NodeConfig]:
     return make_config(core), make_group(NodeConfig, values)
 
 
-def _whole_numbers_to_floats(changes: list[RosParameter]) -> list[RosParameter]:
+def _whole_numbers_to_floats(
+    changes: list[RosParameter], known: Mapping[str, Parameter]
+) -> list[RosParameter]:
     """Convert 1 to 1.0 where a float is needed, which rclpy does not do."""
     return [
         RosParameter(item.name, value=float(item.value))
-        if item.name in KNOWN
-        and KNOWN[item.name].type is float
+        if item.name in known
+        and known[item.name].type is float
         and item.type_ is RosParameter.Type.INTEGER
         else item
         for item in changes

@@ -5,9 +5,11 @@
 from convseq_ros.config import Config, core_parameters
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import parameters
+from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.errors import ConfigError
-from convseq_ros.node.parameters import declare, KNOWN
+from convseq_ros.node.parameters import declare, declare_group, KNOWN
 import pytest
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -144,6 +146,18 @@ def test_the_clock_cannot_be_exchanged_while_the_node_runs(declared):
     assert not result.successful
     assert result.reason == 'use_sim_time may only be set at the start: -p use_sim_time:=true'
     assert not client_of_clock(node)
+
+
+def test_a_node_of_one_group_refuses_the_clock_and_unknown_names_alike(client):
+    node = Node(
+        'node', context=client.context, automatically_declare_parameters_from_overrides=True
+    )
+    assert declare_group(node, PoseGraphConfig) == PoseGraphConfig()
+    assert 'may only be set at the start' in set_one(node, 'use_sim_time', True).reason
+    with pytest.raises(ParameterNotDeclaredException) as told:
+        set_one(node, 'graph_spacing', 1.0)
+    assert str(told.value) == "unknown parameter 'graph_spacing'; did you mean graph_spacing_m?"
+    node.destroy_node()
 
 
 def client_of_clock(node):
