@@ -6,17 +6,13 @@ import argparse
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, replace
-from functools import lru_cache
 import json
 from pathlib import Path
 import sys
-from threading import Event
 import time
 from typing import Any
-from uuid import uuid4
 
 from convseq_ros.cli.build_map import add_no_links, add_settings, build, Built, chosen_settings
-from convseq_ros.cli.map_link import add_outputs, make_outputs
 from convseq_ros.cli.options import (
     add_images,
     add_verb,
@@ -28,17 +24,13 @@ from convseq_ros.cli.options import (
 from convseq_ros.cli.replay import add_replay, in_words, replay_chosen
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.first_stage import with_first_stage
-from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.database import MapLock
-from convseq_ros.core.map.edit import joined, SessionSlice, slices_of
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import replaced
-from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.core.similarity.feature_cache import usable_cores
 from convseq_ros.errors import ConvseqError, FleetError, MapError, SourceError
 from convseq_ros.fleet.cluster import Cluster, connected, finished_jobs
 from convseq_ros.fleet.fleet import Fleet
-from convseq_ros.fleet.link import serve
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources import recordings_in
 from convseq_ros.sources.folder import natural_key
@@ -47,7 +39,7 @@ Job = tuple[Path, Path, Config, bool, dict[str, Any]]  # the arguments of `build
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    verbs = parser.add_subparsers(dest='work', required=True, metavar='build|link|replay|serve')
+    verbs = parser.add_subparsers(dest='work', required=True, metavar='build|replay')
     verb = add_verb(
         verbs, 'build', _build, 'build a map of each recording in a folder, in parallel'
     )
@@ -59,12 +51,6 @@ def describe(parser: argparse.ArgumentParser) -> None:
     verb.add_argument('--json', action='store_true', help='print the result as JSON')
     _add_cluster(verb)
     add_settings(verb)
-    verb = add_verb(
-        verbs, 'link', _link, 'recognise each session of the maps in a folder in the others'
-    )
-    verb.add_argument('map', type=Path, metavar='MAPS', help='folder of maps; none is changed')
-    _add_cluster(verb)
-    add_outputs(verb)
     folder = 'folder of maps, which are searched like one map'
     verb = add_verb(
         verbs, 'replay', _replay, 'recognise the frames of a recording in all maps of a folder'
@@ -73,9 +59,6 @@ def describe(parser: argparse.ArgumentParser) -> None:
     verb.add_argument('recording', type=Path, help='recording or folder of images')
     _add_cluster(verb)
     add_replay(verb)
-    verb = add_verb(verbs, 'serve', _serve, 'offer all maps of a folder to robots')
-    verb.add_argument('maps', type=Path, help=folder)
-    _add_cluster(verb)
 
 
 def run(chosen: argparse.Namespace) -> int:
@@ -189,18 +172,6 @@ def _clean(jobs: dict[str, Job]) -> None:
             pass
 
 
-def _serve(chosen: argparse.Namespace) -> int:
-    """Publish the maps on a scheduler; without one, run a scheduler until Ctrl-C."""
-    paths = maps_in(chosen.maps)
-    with connected(_chosen_cluster(chosen)) as client:
-        serve(client, paths)
-        address = client.scheduler.address
-        print(f'{address}: {len(paths)} maps; vpr_node --ros-args -p fleet:={address}', flush=True)
-        if not chosen.scheduler:
-            Event().wait()
-    return 0
-
-
 def _replay(chosen: argparse.Namespace) -> int:
     """Replay, write the table, and print a summary."""
     paths, reported = maps_in(chosen.maps), set[str]()
@@ -235,42 +206,3 @@ def maps_in(folder: Path) -> list[Path]:
     if not maps:
         raise MapError(f'{folder}: no map in it (*.db); make some with convseq fleet build')
     return maps
-
-
-def _link(chosen: argparse.Namespace) -> int:
-    """Link all maps as if merged, one job per session; print the links, and make the outputs."""
-    paths, slices = list[Path](), list[SessionSlice]()
-    for path in maps_in(chosen.map):
-        try:
-            slices += slices_of(path)
-            paths.append(path.resolve())
-        except MapError as error:
-            warn(f'{error}; the other maps are linked')
-    if not slices:
-        raise MapError(f'{chosen.map}: no map of it has a place')
-    merged, run = joined(slices), (tuple(paths), uuid4().hex)
-    jobs = {f'{session.start}': (*run, session) for session in not_linked(merged)}
-    links = list[Link]()
-    with connected(_chosen_cluster(chosen)) as client:
-        results = finished_jobs(client, links_in, jobs)
-        for _, result in progress(results, len(jobs), chosen.map.name, 'sessions'):
-            if isinstance(result, ConvseqError):
-                raise result
-            links += result
-    for link in sorted(links, key=lambda link: link.place):
-        merged.links.add(link.place, link.other, link.confidence, link.inliers, link.relative)
-    make_outputs(chosen, merged)
-    return 0
-
-
-def links_in(paths: tuple[Path, ...], run: str, session: range) -> list[Link]:
-    """Return the links of a session to earlier places of the maps; `run` is the command's id."""
-    merged = joined(_slices(paths, run))
-    for _ in link_map(merged, sessions=[session]):
-        pass
-    return [link for link in merged.links.each() if link.place in session]
-
-
-@lru_cache(maxsize=1)
-def _slices(paths: tuple[Path, ...], _run: str) -> list[SessionSlice]:
-    return [part for path in paths for part in slices_of(path)]

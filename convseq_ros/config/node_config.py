@@ -28,10 +28,6 @@ class NodeConfig(Checked):
     result_file: str = parameter(
         '', 'CSV file that gets a row for every frame; empty for none.', is_path=True,
     )
-    fleet: str = parameter(
-        '', 'Address of a Dask scheduler, such as tcp://127.0.0.1:8786, whose maps are searched '
-        'in addition to map_path, with answers on ~/fleet_answer; empty for none.',
-    )
     image_topics: str = parameter(
         '', 'Image topics of several cameras, separated by spaces; only the first camera adds '
         'places to the map; empty for one camera on the topic `image`.',

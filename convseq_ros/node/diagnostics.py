@@ -9,7 +9,6 @@ import time
 
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Match
-from convseq_ros.fleet.link import FleetLink
 from convseq_ros.node.conversions import status_message
 from convseq_ros.node.topics import advertise, steady_timer
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -59,7 +58,6 @@ class Situation:
     dropped: int  # frames pushed out of the queue
     odometry_heard: bool
     further: Mapping[str, int | bool | float]  # other values on /diagnostics, by name
-    fleet: FleetLink | None = None  # searches other maps as well
     transform_problem: str = ''  # why map -> odom is not broadcast, although it is wanted
     model_problem: str = ''  # why the map's descriptor_model is not used, if it failed
     stamp_problem: str = ''  # of the images
@@ -146,10 +144,6 @@ class Diagnostics:
                 f'{dropped_now} frames dropped: they come faster than they are processed'
                 f'{by_model}; have fewer sent, or a map of keyframes (keyframe_interval_s)'
             )
-        if situation.fleet and situation.fleet.problem:
-            return DiagnosticStatus.WARN, (
-                f"the fleet does not answer, only the node's map does: {situation.fleet.problem}"
-            )
         if problem := situation.session.recognizer.reference_map.unreadable_why:
             return DiagnosticStatus.WARN, f'{problem}; its poses are less exact'
         if situation.session.keyframes_m and not situation.odometry_heard:
@@ -217,12 +211,6 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'odom': situation.odometry_heard,
         **situation.further,
     }
-    if fleet := situation.fleet:
-        values |= {
-            'fleet': fleet.problem or 'answers',
-            'fleet_answered': fleet.answered,
-            'fleet_skipped': fleet.skipped,
-        }
     if session.is_growing:
         values |= {
             'places_added': session.added,

@@ -2,18 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The topics on which the node publishes for every frame."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from convseq_ros.config import Config
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match
-from convseq_ros.fleet.cluster import Cluster
-from convseq_ros.fleet.link import FleetLink
 from convseq_ros.node.conversions import (
     answer_message,
     candidates_message,
@@ -34,26 +31,6 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Float32, Float64MultiArray, Int32, Int64MultiArray, UInt32
-
-TIMEOUT_S = 1.0  # after which a fleet counts as gone, and is searched for again
-
-
-def open_fleet(
-    node: Node, settings: NodeConfig, config: Config, sources: Sequence[str] = ()
-) -> FleetLink | None:
-    """Publish a fleet's answers on `~/fleet_answer`, if there is one; FleetError if refused."""
-    if not settings.fleet:
-        return None
-    publisher = advertise(node, DiagnosticArray, '~/fleet_answer')
-
-    def publish(match: Match, duration_ms: float, recognizer: PlaceRecognizer) -> None:
-        if node.context.ok():
-            publisher.publish(
-                answer_message(match, duration_ms, recognizer.reference_map, settings.map_frame)
-            )
-
-    return FleetLink(Cluster(settings.fleet), config, publish, TIMEOUT_S, sources)
-
 
 _KINDS = {
     '~/answer': DiagnosticArray,

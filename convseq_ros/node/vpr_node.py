@@ -31,7 +31,7 @@ from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.measured_transform import MeasuredTransform
 from convseq_ros.node.parameters import declare
 from convseq_ros.node.progress_log import ProgressLog
-from convseq_ros.node.publishers import MatchPublishers, open_fleet
+from convseq_ros.node.publishers import MatchPublishers
 from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.node.running import run_until_signal
 from convseq_ros.node.stamps import Stamps
@@ -122,9 +122,6 @@ class VprNode(ManagedNode):
         self.create_service(
             SetBool, '~/set_enabled', self._on_set_enabled, qos_profile=SERVICE_QOS
         )
-        if fleet := open_fleet(self, config, self._config, self._chosen):
-            opened.callback(fleet.close)
-        self._fleet = fleet
         self._transform = None
         if config.publish_tf:
             self._transform = MeasuredTransform(self, config, self._frame_context.odometry)
@@ -163,8 +160,6 @@ class VprNode(ManagedNode):
         self._progress.finish()
         if not self._maps.finish(_MAPS_TIMEOUT_S):
             self.get_logger().warning('stopped before a map was saved or opened')
-        if self._fleet:
-            self._fleet.close()
         self._results.close()
         self._ready = False
 
@@ -214,8 +209,6 @@ class VprNode(ManagedNode):
         if change.gives_up:
             self._worker.drop_all('given_up')
             added = self._recognition.take_back(self._open_session)
-            if self._fleet:
-                self._fleet.reset()
         also = f'; {added} places are taken out of the map again' if added else ''
         self.get_logger().info(f'{change.text}{also}')
 
@@ -238,8 +231,6 @@ class VprNode(ManagedNode):
         self._localization.update(match, estimate)
         if self._transform and estimate:
             self._transform.update(frame, match, estimate)
-        if self._fleet and recognizer is self._recognition.session.recognizer:
-            self._fleet.put(frame)
 
     def _on_image(self, message: RawMessage, topic: str) -> None:
         arrival_ns = time.monotonic_ns()
@@ -269,8 +260,6 @@ class VprNode(ManagedNode):
 
     def _forget(self) -> None:
         self._recognition.session.cameras.reset()
-        if self._fleet:
-            self._fleet.reset()
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._worker.between_items(self._forget)
@@ -320,7 +309,6 @@ class VprNode(ManagedNode):
                 'depth_unreadable': self._frame_context.depth.unreadable,
                 **(self._transform.values if self._transform else {}),
             },
-            fleet=self._fleet,
             transform_problem=self._transform.problem if self._transform else '',
             model_problem=self._recognition.model_problem,
             stamp_problem=self._stamps.problem,

@@ -34,7 +34,7 @@ KEPT = Path(__file__).resolve().parents[1] / 'golden' / 'public_surface.json'
 STABLE, MAY_CHANGE = 'stable', 'may change'
 # Everything that is not named here is stable.
 CHANGING = {
-    '/diagnostics', '~/debug_image', '~/fleet_answer', '~/markers', '~/reference_path',
+    '/diagnostics', '~/debug_image', '~/markers', '~/reference_path',
     'PlaceRecognizer(matcher)', 'PlaceRecognizer(coarse)', 'PlaceRecognizer.process(descriptor)',
     'open_map(encoding)', 'open_map(keyframes)',
     'build_map(links)',
@@ -135,7 +135,7 @@ def messages() -> Iterator[str]:
 
 def on_the_graph(client: Any, vpr: Any) -> dict[str, list[str]]:
     """Return the topics and services of a node that has all of them."""
-    node = vpr(publish_initial_pose='true', publish_tf='true', fleet='tcp://127.0.0.1:1')
+    node = vpr(publish_initial_pose='true', publish_tf='true')
     who = node.get_name(), node.get_namespace()
 
     def told(find: Any) -> list[str]:
@@ -229,9 +229,7 @@ def allowed(group, kind):
 
 def test_the_policy_names_what_the_node_uses(client, vpr):
     # With all that only some nodes have.
-    node = vpr(
-        lifecycle='true', publish_initial_pose='true', publish_tf='true', fleet='tcp://127.0.0.1:1'
-    )
+    node = vpr(lifecycle='true', publish_initial_pose='true', publish_tf='true')
     assert node.trigger_configure().name == 'SUCCESS'
     assert node.trigger_activate().name == 'SUCCESS'
     who = node.get_name(), node.get_namespace()
