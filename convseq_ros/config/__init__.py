@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters: name, default, bounds, unit and one sentence, each written once."""
 
+from convseq_ros.config.acceptance_config import AcceptanceConfig
 from convseq_ros.config.config import (
-    AcceptanceConfig,
     Config,
     core_parameters,
     EncodingConfig,
@@ -16,9 +16,9 @@ from convseq_ros.config.config import (
     MotionConfig,
     OnlineConfig,
     RobotConfig,
-    SequenceConfig,
     with_values,
 )
+from convseq_ros.config.sequence_config import SequenceConfig
 
 __all__ = [
     'EVERY_FRAME',

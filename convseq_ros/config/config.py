@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields, replace
 import math
 from typing import Any, TypeVar
 
+from convseq_ros.config.acceptance_config import AcceptanceConfig
 from convseq_ros.config.parameter import (
     Checked,
     Parameter,
@@ -21,6 +22,7 @@ from convseq_ros.config.parameter import (
     Value,
 )
 from convseq_ros.config.reading_config import ReadingConfig
+from convseq_ros.config.sequence_config import SequenceConfig
 from convseq_ros.errors import ConfigError
 
 Group = TypeVar('Group')
@@ -96,82 +98,6 @@ class MatchingConfig(Checked):
     threads: int = parameter(
         0, 'Number of threads that compare images; 0 uses the available cores, but at most two.',
         low=0, high=256,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class SequenceConfig(Checked):
-    """How many frames are matched together (paper III-A, E, F)."""
-
-    fixed_length: int = parameter(
-        0, 'Number of frames in every sequence; 0 chooses the length for each frame, as in the '
-        'paper.', unit='frames', low=0, high=100, dynamic=True,
-    )
-    overlap_threshold: float = parameter(
-        0.9, 'A sequence grows while its oldest and newest frame are at least this similar; IT in '
-        'the paper.', low=0.0, high=1.0, dynamic=True,
-    )
-    entropy_threshold: float = parameter(
-        0.5, 'A sequence grows while its mean entropy, as a fraction of 8 bits, is at most this; '
-        'ET in the paper.', low=0.0, high=1.0, dynamic=True,
-    )
-    min_length: int = parameter(
-        2, 'Number of frames in the shortest sequence that is chosen.',
-        unit='frames', low=2, high=100, dynamic=True,
-    )
-    max_overlap_length: int = parameter(
-        15, 'Number of frames up to which similarity alone makes a sequence grow.',
-        unit='frames', low=2, high=100, dynamic=True,
-    )
-    max_length: int = parameter(
-        25, 'Number of frames in the longest sequence that is chosen.',
-        unit='frames', low=2, high=100, dynamic=True,
-    )
-    sequence_regions: str = parameter(
-        'own', 'Which salient regions of the frames of a sequence are compared: own takes those '
-        'of each frame, as the paper says, newest those of the newest frame for all, as its '
-        'authors released it.', choices=('own', 'newest'),
-    )
-
-    def __post_init__(self) -> None:
-        Checked.__post_init__(self)
-        if self.min_length > self.max_length:
-            raise ConfigError(
-                f'min_length: {self.min_length} is above max_length, {self.max_length}'
-            )
-
-    @property
-    def window(self) -> int:
-        """Maximum number of frames in a sequence."""
-        return self.fixed_length or self.max_length
-
-
-@dataclass(frozen=True, slots=True)
-class AcceptanceConfig(Checked):
-    """When the best candidate is published as a match."""
-
-    acceptance_rule: str = parameter(
-        'auto', 'How a match is accepted: belief needs a high probability after all frames so '
-        'far, margin needs a higher score than the best rival, always accepts the best candidate, '
-        'as in the paper, auto is belief with coherent matching and margin with the others.',
-        choices=('auto', 'belief', 'margin', 'always'),
-    )
-    min_confidence: float = parameter(
-        0.9, 'With the belief rule, a match is accepted if the probability that it is right is '
-        'at least this.', low=0.0, high=1.0, dynamic=True,
-    )
-    min_margin: float = parameter(
-        0.003, 'With the margin rule, a match is accepted if its score exceeds that of the best '
-        'rival by at least this.', low=0.0, high=1.0, dynamic=True,
-    )
-    rival_distance: int = parameter(
-        10, 'Places of the map that are further than this from a candidate are its rivals.',
-        unit='places', low=0, high=10000, dynamic=True,
-    )
-    num_candidates: int = 5  # per result; no two are closer than rival_distance
-    closure_interval_s: float = parameter(
-        0.0, 'Minimum time between two accepted matches; 0 accepts every confident frame.',
-        unit='s', low=0.0, high=3600.0, dynamic=True,
     )
 
 

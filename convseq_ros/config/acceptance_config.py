@@ -1,0 +1,37 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of acceptance; written once, as in `config`."""
+
+from dataclasses import dataclass
+
+from convseq_ros.config.parameter import Checked, parameter
+
+
+# fmt: off
+@dataclass(frozen=True, slots=True)
+class AcceptanceConfig(Checked):
+    """When the best candidate is published as a match."""
+
+    acceptance_rule: str = parameter(
+        'auto', 'How a match is accepted: belief needs a high probability after all frames so '
+        'far, margin needs a higher score than the best rival, always accepts the best candidate, '
+        'as in the paper, auto is belief with coherent matching and margin with the others.',
+        choices=('auto', 'belief', 'margin', 'always'),
+    )
+    min_confidence: float = parameter(
+        0.9, 'With the belief rule, a match is accepted if the probability that it is right is '
+        'at least this.', low=0.0, high=1.0, dynamic=True,
+    )
+    min_margin: float = parameter(
+        0.003, 'With the margin rule, a match is accepted if its score exceeds that of the best '
+        'rival by at least this.', low=0.0, high=1.0, dynamic=True,
+    )
+    rival_distance: int = parameter(
+        10, 'Places of the map that are further than this from a candidate are its rivals.',
+        unit='places', low=0, high=10000, dynamic=True,
+    )
+    num_candidates: int = 5  # per result; no two are closer than rival_distance
+    closure_interval_s: float = parameter(
+        0.0, 'Minimum time between two accepted matches; 0 accepts every confident frame.',
+        unit='s', low=0.0, high=3600.0, dynamic=True,
+    )

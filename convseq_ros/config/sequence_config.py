@@ -1,0 +1,56 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of the sequence length; written once, as in `config`."""
+
+from dataclasses import dataclass
+
+from convseq_ros.config.parameter import Checked, parameter
+from convseq_ros.errors import ConfigError
+
+
+# fmt: off
+@dataclass(frozen=True, slots=True)
+class SequenceConfig(Checked):
+    """How many frames are matched together (paper III-A, E, F)."""
+
+    fixed_length: int = parameter(
+        0, 'Number of frames in every sequence; 0 chooses the length for each frame, as in the '
+        'paper.', unit='frames', low=0, high=100, dynamic=True,
+    )
+    overlap_threshold: float = parameter(
+        0.9, 'A sequence grows while its oldest and newest frame are at least this similar; IT in '
+        'the paper.', low=0.0, high=1.0, dynamic=True,
+    )
+    entropy_threshold: float = parameter(
+        0.5, 'A sequence grows while its mean entropy, as a fraction of 8 bits, is at most this; '
+        'ET in the paper.', low=0.0, high=1.0, dynamic=True,
+    )
+    min_length: int = parameter(
+        2, 'Number of frames in the shortest sequence that is chosen.',
+        unit='frames', low=2, high=100, dynamic=True,
+    )
+    max_overlap_length: int = parameter(
+        15, 'Number of frames up to which similarity alone makes a sequence grow.',
+        unit='frames', low=2, high=100, dynamic=True,
+    )
+    max_length: int = parameter(
+        25, 'Number of frames in the longest sequence that is chosen.',
+        unit='frames', low=2, high=100, dynamic=True,
+    )
+    sequence_regions: str = parameter(
+        'own', 'Which salient regions of the frames of a sequence are compared: own takes those '
+        'of each frame, as the paper says, newest those of the newest frame for all, as its '
+        'authors released it.', choices=('own', 'newest'),
+    )
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        if self.min_length > self.max_length:
+            raise ConfigError(
+                f'min_length: {self.min_length} is above max_length, {self.max_length}'
+            )
+
+    @property
+    def window(self) -> int:
+        """Maximum number of frames in a sequence."""
+        return self.fixed_length or self.max_length
