@@ -88,12 +88,17 @@ def test_a_disabled_node_misses_nothing(client, vpr, map_path, impatient):
         ('/image', '/image has 1 publisher(s), but none sends'),
     ],
 )
-def test_images_that_do_not_come_are_a_warning(client, vpr, map_path, impatient, topic, told):
+def test_images_that_do_not_come_are_a_warning_that_is_logged_once(
+    client, vpr, map_path, impatient, capfd, topic, told
+):
     client.node.create_publisher(Image, '/image', 1)
     vpr('-r', f'image:={topic}', map_path=map_path, **PERIOD)
     status = status_with(client, told)
     assert status.level == DiagnosticStatus.WARN
     assert status.message.startswith('no images for')
+    heard = client.listen(DiagnosticArray, '/diagnostics')
+    client.wait_for(lambda: len(heard) >= 5 and 'no images for' in heard[-1].status[0].message)
+    assert capfd.readouterr().err.count('no images for') == 1
 
 
 def test_a_camera_that_stopped_is_told_once_and_every_time_that_it_stops(
