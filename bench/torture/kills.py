@@ -19,6 +19,7 @@ from bench.torture import corpus, disk
 from bench.torture.attack import Attack, Try
 
 _ENDS = signal.SIGINT, signal.SIGTERM
+_HOMES = 'HOME', 'ROS_HOME', 'ROS_LOG_DIR'
 _EARLIEST_S, _LATEST_S, _AT_START_S, _HANGS_S = 0.3, 3.0, 1.5, 20.0
 _WITH_FRAMES_S, _SLOW_S = 3.0, 15.0
 _SLOW_FRAMES, _PERIOD_S, _ANSWER_S, _TOLD_S = 40, 0.1, 1.0, 0.6
@@ -45,9 +46,14 @@ def _at_start(folder: Path, draw: random.Random) -> tuple[str, str]:
     command = [sys.executable, '-m', 'convseq_ros.node', '--ros-args']
     if draw.random() < 0.5:
         command += ['-p', 'mode:=online', '-p', f'map_path:={folder / "start.db"}']
+    variables = environment(folder) | {'PYTHONPATH': os.pathsep.join(sys.path)}
+    if draw.random() < 0.2:
+        name += ', without HOME'
+        variables = {key: variables[key] for key in variables if key not in _HOMES}
+        variables['TMPDIR'] = str(folder)  # where logs go then
     process = subprocess.Popen(
         command,
-        env=environment(folder) | {'PYTHONPATH': os.pathsep.join(sys.path)},
+        env=variables,
         cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -66,7 +72,8 @@ def _at_start(folder: Path, draw: random.Random) -> tuple[str, str]:
         process.communicate()
         return name, f'did not end within {_HANGS_S:g} s'
     took_s = time.monotonic() - sent_s
-    bad = [line for line in output.splitlines() if '[INFO]' not in line]
+    told = '[INFO]', 'warning: HOME is not set'
+    bad = [line for line in output.splitlines() if not any(one in line for one in told)]
     if process.returncode or bad:
         return name, f'exit {process.returncode}: {" | ".join(bad)[-300:]}'
     return name, f'took {took_s:.2f} s' if took_s > _AT_START_S else ''
@@ -124,12 +131,13 @@ def _ended(one: Robot, most_s: float, wanted: int = 0) -> str:
 
 ATTACKS = {
     'map_kills': Attack(
-        'SIGINT or SIGTERM from .3 to 3 s after the start of `vpr_node`, half of them twice; or '
-        'while frames come, before a start on the same growing map; or SIGTERM or SIGKILL while '
-        'every sync of the disk takes up to 1 s longer, as on a worn card',
+        'SIGINT or SIGTERM from .3 to 3 s after the start of `vpr_node`, half of them twice, a '
+        'fifth without HOME; or while frames come, before a start on the same growing map; or '
+        'SIGTERM or SIGKILL while every sync of the disk takes up to 1 s longer, as on a worn '
+        'card',
         'exit 0 within 1.5 s of the start, 3 s with frames, 15 s on the slow disk; nothing but '
-        'lines of information; the map opens, and holds what it held before and what was called '
-        'kept; on the slow disk frames are answered within a second',
+        'lines of information, and one of HOME; the map opens, and holds what it held before and '
+        'what was called kept; on the slow disk frames are answered within a second',
         600, 50, 0, _run,
     )
 }  # fmt: skip
