@@ -17,7 +17,7 @@ from unittest.mock import Mock
 from convseq_ros import build_map, PlaceRecognizer
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.pose.estimate import estimate_pose
+from convseq_ros.core.pose.estimate import with_map_errors
 from convseq_ros.core.rigid import inverse, matrix
 from convseq_ros.core.types import LocalizationState
 from convseq_ros.node.measured_transform import MeasuredTransform
@@ -73,11 +73,8 @@ def driven(seed: int, metres: int) -> tuple[int, int, list[float], list[float]]:
         match = recognizer.process(moved, describe(frame.gray))
         state = match.localization and match.localization.state
         if match.accepted:
-            estimate = estimate_pose(
-                mapped.places, match.accepted.reference_index, yaw_rad=match.relative_yaw_rad,
-                relative=match.relative_pose, row=recognizer.buffer.row,
-                position_sigma_m=0.05, heading_sigma_rad=0.01,
-            )  # fmt: skip
+            place = mapped.places[match.accepted.reference_index].pose
+            estimate = match.pose and with_map_errors(match.pose, place, 0.05, 0.01)
             if estimate and match.relative_pose and match.relative_pose.pose:
                 alone.append(away(true, matrix(estimate.pose)))
             if estimate:

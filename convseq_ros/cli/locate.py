@@ -11,9 +11,9 @@ from typing import Any
 from convseq_ros.cli.options import add_config, chosen_config, warn
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.pipeline import Pipeline
-from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
+from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame, Localization, Match
+from convseq_ros.core.types import Frame, Localization, Match, PoseEstimate
 from convseq_ros.errors import ConfigError, ConvseqError, ImageError, printable, SourceError
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.models.onnx_model import open_model
@@ -89,13 +89,10 @@ def _pose(matches: Sequence[Match], recognizer: PlaceRecognizer) -> PoseEstimate
     last = matches[-1].localization
     if last is None or last.reference_index is None:
         return None
-    places, index, row = recognizer.reference_map.places, last.reference_index, None
     for match in reversed(matches):
-        row = recognizer.buffer.row if match is matches[-1] else None
-        if match.accepted and match.accepted.reference_index == index:
-            yaw_rad, relative = match.relative_yaw_rad, match.relative_pose
-            return estimate_pose(places, index, yaw_rad=yaw_rad, row=row, relative=relative)
-    return estimate_pose(places, index)
+        if match.accepted and match.accepted.reference_index == last.reference_index:
+            return match.pose
+    return estimate_pose(recognizer.reference_map.places, last.reference_index)
 
 
 def _answer(
@@ -143,7 +140,7 @@ def _draw(path: Path, frame: Frame, match: Match, recognizer: PlaceRecognizer) -
     best = match.best
     thumbnail = recognizer.reference_map.thumbnail(best.reference_index) if best else b''
     image = upright(frame, recognizer.reference_map.encoding)
-    picture = match_picture(image, match, thumbnail, recognizer.buffer.field(best))
+    picture = match_picture(image, match, thumbnail, recognizer.displacements(best))
     done, png = cv2.imencode('.png', picture)
     if not done:
         raise ConvseqError(f'{path}: the picture cannot be encoded')

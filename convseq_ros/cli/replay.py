@@ -28,7 +28,6 @@ from convseq_ros.cli.processes import need_ros
 from convseq_ros.cli.replay_report import ReplayReport
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.pipeline import Pipeline
-from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.types import Frame, Match, Pose, Reason
@@ -133,24 +132,10 @@ def replay_chosen(
     return summarize(matches, durations)
 
 
-def _keep_pose(
-    poses: list[tuple[int, Pose]],
-    _frame: Frame,
-    match: Match,
-    recognizer: PlaceRecognizer,
-    _duration_ms: float,
-) -> None:
+def _keep_pose(poses: list[tuple[int, Pose]], _frame: Frame, match: Match, *_: object) -> None:
     """Add the pose of an accepted frame in the map to a trajectory."""
-    if accepted := match.accepted:
-        estimate = estimate_pose(
-            recognizer.reference_map.places,
-            accepted.reference_index,
-            yaw_rad=match.relative_yaw_rad,
-            relative=match.relative_pose,
-            row=recognizer.buffer.row,
-        )
-        if estimate:
-            poses.append((match.query_stamp_ns, estimate.pose))
+    if match.pose:
+        poses.append((match.query_stamp_ns, match.pose.pose))
 
 
 def in_words(summary: dict[str, Any], slow: str) -> str:

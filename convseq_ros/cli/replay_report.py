@@ -8,7 +8,6 @@ from convseq_ros.cli.options import warn
 from convseq_ros.config import flatten
 from convseq_ros.core.map.edit import slices_of
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import Matrix, matrix
 from convseq_ros.core.types import Candidate, Frame, Match, Reason
@@ -55,9 +54,8 @@ class ReplayReport:
         place = best.reference_index
         if match.accepted:
             self._places[position] = place
-            places, relative = recognizer.reference_map.places, match.relative_pose
-            if pose and (estimate := estimate_pose(places, place, relative=relative)):
-                self._fixes.append((matrix(estimate.pose), matrix(pose)))
+            if pose and match.pose:
+                self._fixes.append((matrix(match.pose.pose), matrix(pose)))
 
         def make(best: Candidate = best) -> tuple[Texts, Pair]:
             texts = _texts(frame, match, best, recognizer.reference_map, answer[2])

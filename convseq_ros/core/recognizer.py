@@ -19,12 +19,12 @@ from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.gate.stamp_order import Order, StampOrder
 from convseq_ros.core.map.online import mapping_of, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.estimate import with_shift_and_yaw
+from convseq_ros.core.pose.estimate import with_pose, with_shift_and_yaw
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces, CoarseScores
 from convseq_ros.core.similarity.matcher import Features, make_matcher, Matcher
 from convseq_ros.core.similarity.overlap import PaperSimilarity
-from convseq_ros.core.types import Anchor, Descriptor, Frame, Match, Reason
+from convseq_ros.core.types import Anchor, Candidate, Descriptor, Doubles, Frame, Match, Reason
 
 
 class PlaceRecognizer:
@@ -132,7 +132,12 @@ class PlaceRecognizer:
             return new_match(self.mapping.nothing_usable)
         match = self._last = self._recognize(new_match, frame, descriptor, verdict.missing)
         self.mapping.add(frame, descriptor, match)
-        return with_shift_and_yaw(match, frame, self.reference_map)
+        match = with_shift_and_yaw(match, frame, self.reference_map)
+        return with_pose(match, self.buffer.row, self.reference_map.places)
+
+    def displacements(self, candidate: Candidate | None) -> Doubles:
+        """Return the displacement field (n, 5) of the newest frame and a candidate."""
+        return self.buffer.field(candidate)
 
     def _is_late(self, stamp_ns: int) -> bool:
         """Return whether a frame comes late; begin anew if the clock jumped back."""

@@ -68,10 +68,17 @@ def composed_covariance(far: Matrix, of_far: Matrix, near: Matrix, of_near: Matr
 
     Each is of x, y, z and the rotations about them, in the axes of its motion's first frame.
     """
-    turn, arm = far[:3, :3], np.eye(6)
-    arm[:3, 3:] = -cross(turn @ near[:3, 3])
+    turn = far[:3, :3]
     turned = np.kron(np.eye(2), turn)
-    return np.asarray(arm @ of_far @ arm.T + turned @ of_near @ turned.T)
+    moved = moved_covariance(of_far, turn @ near[:3, 3])
+    return np.asarray(moved + turned @ of_near @ turned.T)
+
+
+def moved_covariance(covariance: Matrix, moved: Matrix) -> Matrix:
+    """Return the covariance (6, 6) of a pose where a rigid arm `moved`, (3,), from it ends."""
+    arm = np.eye(6)
+    arm[:3, 3:] = -cross(moved)
+    return np.asarray(arm @ covariance @ arm.T)
 
 
 def quaternion(rotation: Matrix) -> Quaternion:

@@ -40,6 +40,12 @@ class Pose:
     position: Vector  # x, y, z in metres
     orientation: Quaternion
 
+    @property
+    def yaw_rad(self) -> float:
+        """Turn about z, counter-clockwise."""
+        x, y, z, w = self.orientation
+        return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
 
 # Valid numbers of coefficients in OpenCV, by the names of sensor_msgs/distortion_models.hpp.
 COEFFICIENTS = {
@@ -178,6 +184,27 @@ class RelativePose:
 UNKNOWN_M2 = 1e6  # variance of an unknown position, in square metres
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class PoseEstimate:
+    """A pose and its uncertainty."""
+
+    pose: Pose  # in the frame of the map
+    # (6, 6), of x, y, z in metres and of turns about these axes in radians
+    covariance: npt.NDArray[np.float64]
+
+    def __str__(self) -> str:
+        """Return the estimate for people; its first sigma is the mean over x and y."""
+        x, y, z = self.pose.position
+        variance_m2 = float(self.covariance[:2, :2].trace()) / 2
+        sigma_m, sigma_rad = (
+            math.sqrt(max(0.0, each)) for each in (variance_m2, float(self.covariance[5, 5]))
+        )
+        return (
+            f'x {x:.2f} y {y:.2f} z {z:.2f} m (sigma {sigma_m:.2f}), '
+            f'yaw {self.pose.yaw_rad:.3f} rad (sigma {sigma_rad:.3f})'
+        )
+
+
 class LocalizationState(StrEnum):
     """Whether the robot's place in the map is known."""
 
@@ -225,6 +252,9 @@ class Match:
     relative_yaw_rad: float | None = None
     # Pose of the base relative to the accepted reference's; None if it was not measured.
     relative_pose: RelativePose | None = None
+    # Of the camera in the map, as if the map's poses were exact (`pose.estimate.with_map_errors`);
+    # None if no reference is accepted, or if it has no pose.
+    pose: PoseEstimate | None = None
     anchor: Anchor | None = None  # of the accepted reference
     # Distance of the place from odometry, in metres beyond the possible drift; None if plausible.
     implausible_m: float | None = None

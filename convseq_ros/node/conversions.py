@@ -12,9 +12,8 @@ from uuid import UUID
 from builtin_interfaces.msg import Time
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.result_row import row
-from convseq_ros.core.types import Candidate, Match, Pose, RelativePose, UNKNOWN_M2
+from convseq_ros.core.types import Candidate, Match, Pose, PoseEstimate, RelativePose, UNKNOWN_M2
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
 from geometry_msgs.msg import Pose as PoseMessage

@@ -9,8 +9,7 @@ import time
 from typing import Any
 
 from convseq_ros.config.node_config import NodeConfig
-from convseq_ros.core.pose.estimate import PoseEstimate
-from convseq_ros.core.types import Localization, LocalizationState, Match
+from convseq_ros.core.types import Localization, LocalizationState, Match, PoseEstimate
 from convseq_ros.node.conversions import pose_message, status_message
 from convseq_ros.node.diagnostics import Situation
 from convseq_ros.node.topics import advertise, LATCHED, SERVICE_QOS

@@ -12,8 +12,7 @@ import time
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.estimate import PoseEstimate
-from convseq_ros.core.types import Match, Pose
+from convseq_ros.core.types import Match, Pose, PoseEstimate
 from convseq_ros.node.conversions import (
     match_header,
     point_message,

@@ -6,9 +6,8 @@ import math
 from threading import Lock
 
 from convseq_ros.config.node_config import NodeConfig
-from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.rigid import inverse, Matrix, matrix, turned_by
-from convseq_ros.core.types import constants, Frame, Match
+from convseq_ros.core.types import constants, Frame, Match, PoseEstimate
 from convseq_ros.node.frame_context import Odometry
 from convseq_ros.node.map_to_odom import MapToOdom
 import cv2

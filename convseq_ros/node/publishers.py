@@ -8,9 +8,9 @@ from typing import Any
 
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.encoding.view import upright
-from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
+from convseq_ros.core.pose.estimate import with_map_errors
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Candidate, Frame, Match
+from convseq_ros.core.types import Candidate, Frame, Match, PoseEstimate
 from convseq_ros.node.conversions import (
     answer_message,
     candidates_message,
@@ -112,17 +112,12 @@ class MatchPublishers:
         self._send(
             '~/closure_odometry', partial(closure_odometry_message, match, reference_map, start)
         )
-        estimate = estimate_pose(
-            reference_map.places,
-            accepted.reference_index,
-            yaw_rad=match.relative_yaw_rad,
-            relative=match.relative_pose,
-            row=recognizer.buffer.row,
-            position_sigma_m=config.position_sigma_m,
-            heading_sigma_rad=config.heading_sigma_rad,
-        )
-        if estimate:
-            self._send('~/pose', partial(pose_message, match, estimate, config.map_frame))
+        place = reference_map.places[accepted.reference_index].pose
+        if match.pose is None or place is None:
+            return None
+        sigmas = config.position_sigma_m, config.heading_sigma_rad
+        estimate = with_map_errors(match.pose, place, *sigmas)
+        self._send('~/pose', partial(pose_message, match, estimate, config.map_frame))
         return estimate
 
 
@@ -130,5 +125,5 @@ def _debug_image(frame: Frame, match: Match, recognizer: PlaceRecognizer) -> Ima
     best, reference_map = match.best, recognizer.reference_map
     thumbnail = reference_map.thumbnail(best.reference_index) if best else b''
     image = upright(frame, reference_map.encoding)
-    picture = match_picture(image, match, thumbnail, recognizer.buffer.field(best))
+    picture = match_picture(image, match, thumbnail, recognizer.displacements(best))
     return image_message(picture, match_header(match, frame.frame_id))

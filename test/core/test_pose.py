@@ -12,12 +12,18 @@ from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
-from convseq_ros.core.pose.estimate import estimate_pose, relative_yaw, shift_px, turned
+from convseq_ros.core.pose.estimate import (
+    estimate_pose,
+    relative_yaw,
+    shift_px,
+    turned,
+    with_map_errors,
+)
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import inverse, matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.similarity.matcher import make_matcher, Matcher
-from convseq_ros.core.types import Camera, Candidate, Pose, Reason
+from convseq_ros.core.types import Camera, Candidate, Pose, Reason, RelativePose
 from convseq_ros.sources.camera_info import fitted
 import cv2
 from hypothesis import given, strategies
@@ -245,7 +251,9 @@ def test_a_camera_is_fitted_to_smaller_images_and_turns_stay_what_they_are():
     assert relative_yaw((0.0, 10.0), small) == pytest.approx(relative_yaw((0.0, 40.0), CAMERA))
 
 
-FLOORS = {'position_sigma_m': 0.5, 'heading_sigma_rad': 0.1}
+def in_inexact_map(places, index, **given):
+    """Return the estimate where poses of the map have an error of 0.5 m and 0.1 rad."""
+    return with_map_errors(estimate_pose(places, index, **given), places[index].pose, 0.5, 0.1)
 
 
 def along(*poses):
@@ -261,7 +269,7 @@ EAST = along(*(pose(6 * index) for index in range(5)))
 
 def test_along_the_way_it_is_as_uncertain_as_places_are_apart():
     # Six metres apart: half-way to the next is 3 m, a uniform error of 6 / sqrt(12).
-    estimate = estimate_pose(EAST, 2, yaw_rad=0.0, **FLOORS)
+    estimate = in_inexact_map(EAST, 2, yaw_rad=0.0)
     along = math.sqrt(0.5**2 + 36 / 12)
     assert sigmas(estimate) == pytest.approx([along, 0.5, 0.5, 0.1, 0.1, 0.1])
     assert estimate.pose == pose(12)
@@ -290,13 +298,23 @@ def test_in_a_bend_doubt_between_places_is_doubt_about_the_heading():
     turns = np.radians([170, -170, -150])
     places = along(*(pose(x, yaw=turn) for x, turn in enumerate(turns)))
     row = np.array([0.5, 0.5, 0.1], np.float32)
-    estimate = estimate_pose(places, 1, yaw_rad=0.0, row=row, **FLOORS)
+    estimate = in_inexact_map(places, 1, yaw_rad=0.0, row=row)
     assert estimate.covariance[5, 5] == pytest.approx(0.1**2 + math.radians(20) ** 2 / 2)
     assert sigmas(estimate)[3:5] == pytest.approx([0.1, 0.1])
 
 
+def test_an_error_of_the_maps_heading_moves_a_pose_that_is_away_from_its_place():
+    relative = RelativePose((0.0, 0.0, 0.0, 1.0), (10.0, 0.0, 0.0), None, np.eye(6) * 1e-4, 50)
+    estimate = in_inexact_map(EAST, 2, relative=relative)
+    # 10 m ahead of the place, 0.1 rad of its heading are 1 m across.
+    across = math.hypot(0.5, 10 * 0.1, 0.01)
+    assert sigmas(estimate)[:3] == pytest.approx([math.hypot(0.5, 0.01), across, across])
+    assert estimate.covariance[1, 5] == pytest.approx(10 * 0.1**2)
+    assert estimate.pose == pose(22)
+
+
 def test_without_a_known_turn_the_heading_is_less_certain():
-    unknown = estimate_pose(EAST, 2, **FLOORS)
+    unknown = in_inexact_map(EAST, 2)
     assert sigmas(unknown)[5] == pytest.approx(math.hypot(0.1, 0.3))
     assert unknown.pose == EAST[2].pose
 
@@ -326,7 +344,7 @@ def test_it_is_never_more_certain_than_the_map(points, data):
         ),
         np.float32,
     )
-    covariance = estimate_pose(places, index, row=row, **FLOORS).covariance
+    covariance = in_inexact_map(places, index, row=row).covariance
     assert (covariance == covariance.T).all()
     assert np.linalg.eigvalsh(covariance[:3, :3]).min() >= 0.25 - 1e-6
     assert np.linalg.eigvalsh(covariance[3:, 3:]).min() >= 0.01 - 1e-9

@@ -9,41 +9,37 @@ negative.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice, takewhile
 import math
 
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.map_motion import NEIGHBOURS
-from convseq_ros.core.rigid import base_between, composed_covariance, Matrix, matrix, pose_of
-from convseq_ros.core.types import Camera, Frame, Match, Pose, RelativePose, Row, Shift
+from convseq_ros.core.rigid import (
+    base_between,
+    composed_covariance,
+    Matrix,
+    matrix,
+    moved_covariance,
+    pose_of,
+)
+from convseq_ros.core.types import (
+    Camera,
+    Frame,
+    Match,
+    Pose,
+    PoseEstimate,
+    RelativePose,
+    Row,
+    Shift,
+)
 import numpy as np
 
 # Engineering, not studied.
 _SAME_SPOT_M = 1e-3  # places closer than this were taken by a robot that stood still
 _AS_GOOD = 0.9  # share of the place's pair score from which a neighbour is as good
 _UNKNOWN_TURN_RAD = 0.3  # standard deviation of the heading where the yaw is not known
-
-
-@dataclass(frozen=True, slots=True)
-class PoseEstimate:
-    """A pose and its uncertainty."""
-
-    pose: Pose  # in the frame of the map
-    covariance: Matrix  # (6, 6), of x, y, z in metres and of turns about these axes in radians
-
-    def __str__(self) -> str:
-        """Return the estimate for people; its first sigma is the mean over x and y."""
-        x, y, z = self.pose.position
-        variance_m2 = float(self.covariance[:2, :2].trace()) / 2
-        sigma_m, sigma_rad = (
-            math.sqrt(max(0.0, each)) for each in (variance_m2, float(self.covariance[5, 5]))
-        )
-        return (
-            f'x {x:.2f} y {y:.2f} z {z:.2f} m (sigma {sigma_m:.2f}), '
-            f'yaw {_yaw(self.pose):.3f} rad (sigma {sigma_rad:.3f})'
-        )
 
 
 def estimate_pose(
@@ -53,28 +49,25 @@ def estimate_pose(
     yaw_rad: float | None = None,
     row: Row | None = None,
     relative: RelativePose | None = None,
-    position_sigma_m: float = 0.0,
-    heading_sigma_rad: float = 0.0,
 ) -> PoseEstimate | None:
     """
     Return the pose of a camera that sees a place of the map; None if the place has no pose.
 
-    If `relative` has a position in metres, the result is the place's pose moved by it, with the
-    errors of both. Otherwise it is the place's pose, turned to the left by `yaw_rad`. `row` holds
-    the pair scores (r,) of the newest frame with the first r places; NaN where there is none. The
-    two sigmas are standard deviations of the map's poses, along and about every axis.
+    If `relative` has a position in metres, the result is the place's pose moved by it, with its
+    errors. Otherwise it is the place's pose, turned to the left by `yaw_rad`. `row` holds the pair
+    scores (r,) of the newest frame with the first r places; NaN where there is none.
 
-    Without a measured position, three independent errors add up. (1) The error of the map's poses.
-    (2) The distance between places: a camera that sees this place is anywhere up to half-way to
-    the next. This error is uniform along that direction; its variance is a twelfth of the squared
-    distance to the nearer neighbour. (3) The doubt between neighbours: the mean square of the
-    offsets to all adjacent places whose pair score is at least 90 % of this place's. The heading
-    has the first and the third error, and 0.3 rad more if the yaw is not known.
+    Without a measured position, two independent errors add up. (1) The distance between places: a
+    camera that sees this place is anywhere up to half-way to the next. This error is uniform along
+    that direction; its variance is a twelfth of the squared distance to the nearer neighbour.
+    (2) The doubt between neighbours: the mean square of the offsets to all adjacent places whose
+    pair score is at least 90 % of this place's. The heading has the second error, and 0.3 rad more
+    if the yaw is not known. The error of the map's poses is in neither (`with_map_errors`).
     """
     pose = places[index].pose
     if pose is None:
         return None
-    covariance = np.diag([position_sigma_m**2] * 3 + [heading_sigma_rad**2] * 3)
+    covariance = np.zeros((6, 6))
     if relative is not None and relative.pose:
         there, motion = matrix(pose), matrix(relative.pose)
         covariance = composed_covariance(there, covariance, motion, relative.covariance)
@@ -83,12 +76,36 @@ def estimate_pose(
     covariance[:3, :3] += np.outer(step, step) / 12
     similar = [pose, *(other for at in _as_good(places, index, row) if (other := places[at].pose))]
     offsets = np.array([np.subtract(other.position, pose.position) for other in similar])
-    turns = np.array([math.remainder(_yaw(other) - _yaw(pose), math.tau) for other in similar])
+    turns = np.array([math.remainder(other.yaw_rad - pose.yaw_rad, math.tau) for other in similar])
     covariance[:3, :3] += offsets.T @ offsets / len(offsets)
     covariance[5, 5] += (turns @ turns) / len(turns)
     if yaw_rad is None:
         covariance[5, 5] += _UNKNOWN_TURN_RAD**2
     return PoseEstimate(turned(pose, yaw_rad or 0.0), covariance)
+
+
+def with_map_errors(
+    estimate: PoseEstimate, place: Pose, position_sigma_m: float, heading_sigma_rad: float
+) -> PoseEstimate:
+    """
+    Return an estimate with the error of the map's pose of the place that it was measured from.
+
+    The sigmas are standard deviations of that pose along and about every axis. The error of the
+    heading moves an estimate that is away from the place.
+    """
+    of_place = np.diag([position_sigma_m**2] * 3 + [heading_sigma_rad**2] * 3)
+    moved = np.subtract(estimate.pose.position, place.position)
+    return replace(estimate, covariance=estimate.covariance + moved_covariance(of_place, moved))
+
+
+def with_pose(match: Match, row: Row | None, places: Sequence[Place]) -> Match:
+    """Return a match with the pose of the camera, if it is accepted; `row` is its pair scores."""
+    if match.accepted is None:
+        return match
+    yaw_rad, relative = match.relative_yaw_rad, match.relative_pose
+    index = match.accepted.reference_index
+    pose = estimate_pose(places, index, yaw_rad=yaw_rad, row=row, relative=relative)
+    return replace(match, pose=pose)
 
 
 def turned(pose: Pose, yaw_rad: float) -> Pose:
@@ -126,11 +143,6 @@ def _as_good(places: Sequence[Place], index: int, row: Row | None) -> Iterator[i
         least = _AS_GOOD * float(row[index])
         for side in _sides(places, index, len(row)):
             yield from takewhile(lambda at: float(row[at]) >= least, side)
-
-
-def _yaw(pose: Pose) -> float:
-    x, y, z, w = pose.orientation
-    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def shift_px(shift: Shift, height: int, width: int, cells_across: int) -> Shift:
