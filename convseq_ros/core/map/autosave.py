@@ -10,7 +10,7 @@ import time
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.database import is_damage, MapLock
 from convseq_ros.core.map.edit import keep_first, prune_looks
-from convseq_ros.core.map.online import Looks
+from convseq_ros.core.map.pruning import Pruning
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import MapWriter
@@ -148,7 +148,7 @@ class Autosave(NoAutosave):
     @property
     def has_surplus(self) -> bool:
         """Whether a place has more looks than `max_looks`."""
-        return bool(Looks(self.reference_map, self._max_looks).surplus)
+        return bool(Pruning(self.reference_map, self._max_looks).surplus)
 
     def _run(self) -> None:
         while self._news.wait() and not self._end.is_set():

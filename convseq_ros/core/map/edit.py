@@ -14,8 +14,8 @@ from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.crash_recovery import open_to_write
 from convseq_ros.core.map.database import as_map_error, Database, MapLock
 from convseq_ros.core.map.format import MapSession, row_crc, stored_settings, TABLES
-from convseq_ros.core.map.online import Looks
 from convseq_ros.core.map.place import Picture
+from convseq_ros.core.map.pruning import Pruning
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import Progress, save_map, write_links
@@ -183,7 +183,7 @@ def without(slices: Sequence[SessionSlice], indices: Collection[int]) -> list[Se
 
 def pruned(path: Path, opened: ReferenceMap, max_looks: int) -> ReferenceMap:
     """Return a map with at most `max_looks` looks of a place: the same map if it has no more."""
-    surplus = Looks(opened, max_looks).surplus
+    surplus = Pruning(opened, max_looks).surplus
     return joined(without(slices_of(path, opened), surplus)) if surplus else opened
 
 

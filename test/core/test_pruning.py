@@ -5,8 +5,9 @@
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, make_config
 from convseq_ros.core.map.edit import prune_looks
-from convseq_ros.core.map.online import LOOK, Looks, recognised_place
+from convseq_ros.core.map.online import recognised_place
 from convseq_ros.core.map.place import Place
+from convseq_ros.core.map.pruning import Pruning, STRETCH
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
@@ -22,7 +23,7 @@ import pytest
 pytestmark = pytest.mark.once
 
 ENCODING, SECOND, DAY = EncodingConfig(image_size_px=64), 10**9, 86_400 * 10**9
-ROUND = 3 * LOOK.stretch
+ROUND = 3 * STRETCH.keyframes
 
 
 def driven(lights, seed=0, missed=3):
@@ -49,7 +50,7 @@ def driven(lights, seed=0, missed=3):
 def test_each_light_stays_before_any_stays_twice(most):
     days = [0, 0, 1, 1, 0, 2, 1, 0, 2]
     whole = driven(days)
-    out = Looks(whole, most).surplus
+    out = Pruning(whole, most).surplus
     left = {*range(len(whole))} - {*out}
     assert len(left) == most * ROUND and left >= {*range(ROUND)}
     for at in range(ROUND):
@@ -69,17 +70,17 @@ def test_a_long_drive_whose_rounds_differ_by_noise_alone_keeps_the_first():
             whole.links.add(place, place - lap, 0.97, 40)
         else:
             whole.links.add_first(place)
-    left = {*range(len(whole))} - {*Looks(whole, most).surplus}
-    assert max(left) < most * lap + LOOK.stretch and len(left) >= most * ROUND
+    left = {*range(len(whole))} - {*Pruning(whole, most).surplus}
+    assert max(left) < most * lap + STRETCH.keyframes and len(left) >= most * ROUND
 
 
 def test_no_limit_a_high_one_and_a_map_without_links_lose_nothing():
     whole = driven([0, 1, 0])
-    assert Looks(whole, 0).surplus == Looks(whole, 3).surplus == []
+    assert Pruning(whole, 0).surplus == Pruning(whole, 3).surplus == []
     bare = ReferenceMap(ENCODING)
     for index in range(50):
         bare.add(Place(index), np.ones((4, 4, 8), np.float16))
-    assert Looks(bare, 1).surplus == []
+    assert Pruning(bare, 1).surplus == []
 
 
 @settings(max_examples=60, deadline=None)
@@ -99,7 +100,7 @@ def test_anchors_stay_whatever_the_links(drawn, starts, most):
     for place, other in drawn:
         if other < place:
             whole.links.add(place, other)
-    out = Looks(whole, most).surplus
+    out = Pruning(whole, most).surplus
     assert out == sorted({*out}) and not {*out} & {anchor for _, anchor in whole.links}
     assert not [one for one in out if whole.links.anchor(one) == one and not _beside(whole, one)]
 
@@ -107,7 +108,9 @@ def test_anchors_stay_whatever_the_links(drawn, starts, most):
 def _beside(whole, place):
     """Return whether something in the same stretch was recognised."""
     start, end = whole.bounds.span(place)
-    near = range(max(start, place - 2 * LOOK.stretch), min(end, place + 2 * LOOK.stretch, 120))
+    near = range(
+        max(start, place - 2 * STRETCH.keyframes), min(end, place + 2 * STRETCH.keyframes, 120)
+    )
     return any(whole.links.anchor(one) != one for one in near)
 
 
@@ -184,12 +187,12 @@ def test_a_way_that_is_driven_again_and_again_stops_growing_and_is_recognised(dr
             if match.accepted
         ]
         assert not day or (all(right) and len(right) > 0.8 * ROUND)
-        assert session.added <= (ROUND if day < 2 else 2 * LOOK.stretch)
+        assert session.added <= (ROUND if day < 2 else 2 * STRETCH.keyframes)
         assert session.autosave.committed == len(open_map(path)) <= min(day + 1, 2) * ROUND
     # The anchor of an answer is the same, whatever went, and is what the first drive saw.
     first = open_map(path)
     anchors = [match.anchor for match in found if match.accepted]
-    assert {one.session_id for one in anchors[LOOK.stretch :]} == {first.sessions[0].id}
+    assert {one.session_id for one in anchors[STRETCH.keyframes :]} == {first.sessions[0].id}
     assert all(isinstance(one, Anchor) and one.stamp_ns < 90 * SECOND for one in anchors[20:])
 
 
