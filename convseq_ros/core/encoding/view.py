@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The preparation of images: frames are turned upright, and hidden parts are masked."""
 
-from contextlib import suppress
 from dataclasses import replace
 import math
 from pathlib import Path
@@ -13,10 +12,9 @@ from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.descriptor import HOG
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
-from convseq_ros.core.types import Camera, Frame, Gray
-from convseq_ros.errors import ConfigError, ImageError, SourceError
-from convseq_ros.io.picture_header import declared_size, refuse_large
-from convseq_ros.io.regular_file import read_bytes
+from convseq_ros.core.types import Camera, Frame
+from convseq_ros.errors import ConfigError
+from convseq_ros.io.mask_file import read_mask
 import cv2
 import numpy as np
 
@@ -78,7 +76,7 @@ def with_mask_read(
     path = encoding.image_mask
     if not path or path.startswith('#'):
         return encoding
-    picture = _read(Path(path), reading)
+    picture = read_mask(Path(path), reading)
     turned = np.rot90(picture, encoding.image_rotation_deg // 90)
     side = encoding.image_size_px
     square = cv2.resize(np.ascontiguousarray(turned), (side, side), interpolation=cv2.INTER_AREA)
@@ -90,19 +88,3 @@ def with_mask_read(
         raise ConfigError(f'image_mask: {path} hides everything; white is what the camera sees')
     stored = '' if visible.all() else f'#{np.packbits(visible).tobytes().hex()}'
     return replace(encoding, image_mask=stored)
-
-
-def _read(path: Path, reading: ReadingConfig) -> Gray:
-    try:
-        data = read_bytes(path, 'a picture', reading.refuse_file)
-        size, picture = declared_size(data), None
-        if size:
-            refuse_large(size, reading, str(path))
-    except (ImageError, SourceError) as error:
-        raise ConfigError(f'image_mask: {error}') from None
-    if size:
-        with suppress(cv2.error):
-            picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
-    if picture is None:
-        raise ConfigError(f'image_mask: {path} is no picture that can be read; make it a PNG')
-    return np.asarray(picture, np.uint8)
