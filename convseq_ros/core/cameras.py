@@ -10,7 +10,6 @@ from convseq_ros.core.decision.odometry_jump import ROBOT
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import Describe
 from convseq_ros.core.encoding.regions import global_descriptor
-from convseq_ros.core.map.online import FollowedMap, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
@@ -41,18 +40,16 @@ class Cameras:
         """Make a recogniser for each source; `coarse` makes the coarse scores of each."""
         self.config = config
 
-        def make(number: int, mapping: PreloadedMap | None = None) -> PlaceRecognizer:
+        def make(number: int, leader: PlaceRecognizer | None = None) -> PlaceRecognizer:
             settings = of_camera(config, number)
             return PlaceRecognizer(
-                reference_map, settings, coarse=coarse(), describe=describe, mapping=mapping
+                reference_map, settings, coarse=coarse(), describe=describe, leader=leader
             )
 
         self.first = make(0)
         self.recognizers, self._frames = {source: self.first for source in sources[:1]}, 0
         for number, source in enumerate(sources[1:], 1):
-            recognizer = make(number, FollowedMap(reference_map, self.first.mapping))
-            recognizer.decider.share(self.first.decider)
-            self.recognizers[source] = recognizer
+            self.recognizers[source] = make(number, self.first)
         self._set_usual_mount()
 
     @property
@@ -114,8 +111,7 @@ class Cameras:
         config = replace(config, encoding=before.encoding, reading=reading)
         self.config = config
         for number, recognizer in enumerate(self.each):
-            recognizer.config = of_camera(config, number)
-            recognizer.gate.configure(config)
+            recognizer.configure(of_camera(config, number))
         self._set_usual_mount()
 
     def _set_usual_mount(self) -> None:

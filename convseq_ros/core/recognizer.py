@@ -7,7 +7,7 @@ from functools import partial
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.belief_decider import BeliefDecider
-from convseq_ros.core.decision.decider import Decider, Query
+from convseq_ros.core.decision.decider import Answer, Decider, Query
 from convseq_ros.core.decision.localizer import Localizer
 from convseq_ros.core.decision.paper.decider import PaperDecider
 from convseq_ros.core.decision.paper.length import choose_length
@@ -17,12 +17,12 @@ from convseq_ros.core.encoding.first_stage import Describe, FirstStage
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.gate.stamp_order import Order, StampOrder
-from convseq_ros.core.map.online import mapping_of, PreloadedMap
+from convseq_ros.core.map.online import FollowedMap, mapping_of, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.estimate import with_pose, with_shift_and_yaw
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces, CoarseScores
-from convseq_ros.core.similarity.matcher import Features, make_matcher, Matcher
+from convseq_ros.core.similarity.matcher import make_matcher, Matcher
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Anchor, Candidate, Descriptor, Doubles, Frame, Match, Reason
 
@@ -36,13 +36,15 @@ class PlaceRecognizer:
     reference_map : ReferenceMap
         The places to recognise; it decides how frames are encoded. In online mode it grows.
     config : Config
-        Its `sequence`, `acceptance` and `robot` may be replaced between two frames.
+        `configure` may replace its `sequence`, `acceptance`, `motion` and `robot`.
     matcher, coarse : Matcher, AllPlaces, optional
         They compute pair scores and coarse scores; by default as `config.matching` selects.
     describe : Describe, optional
         The descriptor model of the map, from an image to a vector; none for the built-in one.
     mapping : PreloadedMap, optional
         Which places may be matched and how the map grows; by default as `config.online` selects.
+    leader : PlaceRecognizer, optional
+        That of the robot's first camera, which alone adds places; its matches are shared.
     order : StampOrder, optional
         What becomes of frames that come late; by default they are skipped.
     links : bool, optional
@@ -64,6 +66,7 @@ class PlaceRecognizer:
         describe: Describe | None = None,
         *,
         mapping: PreloadedMap | None = None,
+        leader: 'PlaceRecognizer | None' = None,
         order: StampOrder | None = None,
         links: bool = True,
     ) -> None:
@@ -76,7 +79,8 @@ class PlaceRecognizer:
         self.model_ms = 0.0  # how long the descriptor model took for the newest frame
         self._similarity = PaperSimilarity(config.matching.kernel)
         self.gate = FrameGate(config, reference_map.keyframes, self._similarity)
-        self.mapping = mapping or mapping_of(reference_map, config)
+        followed = leader and FollowedMap(reference_map, leader.mapping)
+        self.mapping: PreloadedMap = mapping or followed or mapping_of(reference_map, config)
         self.matcher = matcher or make_matcher(reference_map, config)
         self.buffer = QueryBuffer(self.matcher, reference_map.bounds)
         if config.matching.search == 'exhaustive':
@@ -84,10 +88,12 @@ class PlaceRecognizer:
         coarse = coarse or CoarseScores(reference_map, config.matching.both_directions)
         parts = reference_map, coarse, config
         self.decider: Decider = BeliefDecider(*parts) if config.believes else PaperDecider(*parts)
+        if leader:
+            self.decider.share(leader.decider)
         self._poses = RelativePoses(reference_map, self.matcher, config.reading)
         self._accepted_ns: int | None = None  # stamp of the newest accepted match
         self._order, self._links = order or StampOrder(), links
-        self._count, self._blank = 0, blank_descriptor(self._encoding)
+        self._count, self._blank = -1, blank_descriptor(self._encoding)
         self.localizer = Localizer(reference_map)
         self._last: Match | None = None  # the answer to the newest keyframe
 
@@ -103,37 +109,98 @@ class PlaceRecognizer:
         keyframes (2) and while the robot stands still (3) the last answer is repeated; (4) a
         dropped frame leaves an empty slot in the sequence.
         """
+        self._count += 1
         frame = upright(frame, self._encoding, self.config.robot)
-        new_match, self._count = partial(Match, self._count, frame.stamp_ns), self._count + 1
-        match = self._match(new_match, frame, descriptor)
+        match = self._match(frame, descriptor)
         return self.localizer.update(match, self.mapping.session_start, self.config)
 
-    def _match(
-        self, new_match: partial[Match], frame: Frame, descriptor: Descriptor | None
-    ) -> Match:
+    def _match(self, frame: Frame, descriptor: Descriptor | None) -> Match:
         """Return the answer to an upright frame, without the localisation."""
         self.model_ms = 0.0
+        # 1. Frames that are late or unreadable go no further.
         if self._is_late(frame.stamp_ns):
-            return new_match(Reason.OUT_OF_ORDER)
+            return self._as_match(frame, Answer(Reason.OUT_OF_ORDER))
         if frame.gray is None and descriptor is None:
             self._leave_slot(frame)
-            return new_match(Reason.UNREADABLE)
-        # III-B, III-C: entropy, and histograms of gradients, if the frame may be a keyframe.
+            return self._as_match(frame, Answer(Reason.UNREADABLE))
+        # 2. III-B, III-C: entropy, and histograms of gradients, if the frame may be a keyframe.
         encode = partial(self._described, frame, descriptor)
         verdict = self.gate.check(frame.stamp_ns, frame.pose, encode, frame.gray)
         self.mapping.follow(verdict.passed)
         if verdict.reason:
-            repeated = self._repeated(new_match, verdict.reason)
+            repeated = self._as_match(frame, self._repeated(verdict.reason))
             return with_shift_and_yaw(repeated, frame, self.reference_map)
         descriptor = self.first_stage.add(frame, verdict.descriptor)
         self.model_ms = self.first_stage.duration_ms
         if not self._links:
             self.mapping.add(frame, descriptor)
-            return new_match(self.mapping.nothing_usable)
-        match = self._last = self._recognize(new_match, frame, descriptor, verdict.missing)
+            return self._as_match(frame, Answer(self.mapping.nothing_usable))
+        # 3 to 5: the buffer, the length k, the decision.
+        answer = self._decide(frame, descriptor, verdict.missing)
+        # 6. An accepted match gets its pose relative to the place (ours).
+        match = self._as_match(frame, answer, self.buffer.pairs_scored)
+        match = self._last = self._complete(match, frame)
+        # 7. The map grows (ours); then the camera has its pose in it.
         self.mapping.add(frame, descriptor, match)
         match = with_shift_and_yaw(match, frame, self.reference_map)
         return with_pose(match, self.buffer.row, self.reference_map.places)
+
+    def _decide(self, frame: Frame, descriptor: Descriptor, missing: int) -> Answer:
+        """Return the answer to a keyframe, after `missing` dropped ones."""
+        config, buffer = self.config, self.buffer
+        # 3. III-A: the newest frame joins the rolling buffer; a dropped one leaves an empty slot.
+        buffer.add_empty(missing, self._blank, self._capacity)
+        usable = self.mapping.usable  # places [0, usable) may match
+        buffer.append(descriptor, usable, self._capacity)
+        if buffer.newest.features is None:
+            return Answer(Reason.UNINFORMATIVE)
+        if not usable:
+            return Answer(self.mapping.nothing_usable)
+        # 4. III-E, III-F: information gain and entropy choose k, the number of frames to match.
+        length = choose_length(buffer.descriptors, self._similarity, config.sequence)
+        # 5. III-D, III-G, or the Bayes filter: score the likely places; is the best one a match?
+        start = self.mapping.session_start
+        query = Query(frame, buffer, usable, start, config, length, missing)
+        return self.decider.decide(query)
+
+    def _complete(self, match: Match, frame: Frame) -> Match:
+        """Measure the shift; accept a match, unless it follows the last one too soon."""
+        features = self.buffer.newest.features
+        if features is None or not match.candidates:
+            return match
+        best, *others = match.candidates
+        best = replace(best, shift=self.matcher.shift(features, best.reference_index))
+        match = replace(match, candidates=(best, *others))
+        if match.reason is not Reason.ACCEPTED:
+            return match
+        interval_ns = round(self.config.acceptance.closure_interval_s * 1e9)
+        if self._accepted_ns is not None and frame.stamp_ns - self._accepted_ns < interval_ns:
+            return replace(match, reason=Reason.COOL_DOWN)
+        self._accepted_ns = frame.stamp_ns
+        pose, places = self._poses.measure(features, frame, best), self.reference_map.places
+        place = places[self.reference_map.links.anchor(best.reference_index)]
+        anchor = Anchor(self.reference_map.sessions[place.session].id, place.stamp_ns)
+        return replace(match, relative_pose=pose, anchor=anchor)
+
+    def _repeated(self, reason: Reason) -> Answer:
+        """Return the last keyframe's answer, not as a match: this frame is not a keyframe."""
+        last = self._last
+        if reason is Reason.UNINFORMATIVE or last is None or not last.candidates:
+            return Answer(reason)
+        return Answer(reason, last.candidates, last.sequence_length, last.confidence)
+
+    def _as_match(self, frame: Frame, answer: Answer, pairs: int = 0) -> Match:
+        """Return an answer to the newest frame as a match, after `pairs` image pairs."""
+        return Match(
+            self._count,
+            frame.stamp_ns,
+            answer.reason,
+            answer.candidates,
+            answer.length,
+            pairs,
+            answer.confidence if answer.candidates else None,
+            implausible_m=answer.implausible_m,
+        )
 
     def displacements(self, candidate: Candidate | None) -> Doubles:
         """Return the displacement field (n, 5) of the newest frame and a candidate."""
@@ -167,60 +234,10 @@ class PlaceRecognizer:
     def _capacity(self) -> int:
         return max(2, self.config.sequence.window)
 
-    def _recognize(
-        self, new_match: partial[Match], frame: Frame, descriptor: Descriptor, missing: int
-    ) -> Match:
-        """Return the answer to a keyframe, after `missing` dropped ones."""
-        config, buffer = self.config, self.buffer
-        # III-A: the newest frame joins the rolling buffer; a dropped frame leaves an empty slot.
-        buffer.add_empty(missing, self._blank, self._capacity)
-        usable = self.mapping.usable  # places [0, usable) may match
-        buffer.append(descriptor, usable, self._capacity)
-        if (features := buffer.newest.features) is None:
-            return new_match(Reason.UNINFORMATIVE)
-        if not usable:
-            return new_match(self.mapping.nothing_usable)
-        # III-E, III-F: information gain and entropy choose k, the number of frames to match.
-        length = choose_length(buffer.descriptors, self._similarity, config.sequence)
-        # III-D, III-G, or the Bayes filter: score the likely places; is the best one a match?
-        start = self.mapping.session_start
-        query = Query(frame, buffer, usable, start, config, length, missing)
-        decided, pairs = self.decider.decide(query), buffer.pairs_scored
-        if not decided.candidates:
-            return new_match(decided.reason, (), decided.length, pairs)
-        match = new_match(
-            decided.reason,
-            decided.candidates,
-            decided.length,
-            pairs,
-            decided.confidence,
-            implausible_m=decided.implausible_m,
-        )
-        return self._complete(match, frame, features)
-
-    def _complete(self, match: Match, frame: Frame, features: Features) -> Match:
-        """Accept a match, unless it follows the last one too soon; measure its pose (ours)."""
-        best, *others = match.candidates
-        best = replace(best, shift=self.matcher.shift(features, best.reference_index))
-        match = replace(match, candidates=(best, *others))
-        if match.reason is not Reason.ACCEPTED:
-            return match
-        interval_ns = round(self.config.acceptance.closure_interval_s * 1e9)
-        if self._accepted_ns is not None and frame.stamp_ns - self._accepted_ns < interval_ns:
-            return replace(match, reason=Reason.COOL_DOWN)
-        self._accepted_ns = frame.stamp_ns
-        pose, places = self._poses.measure(features, frame, best), self.reference_map.places
-        place = places[self.reference_map.links.anchor(best.reference_index)]
-        anchor = Anchor(self.reference_map.sessions[place.session].id, place.stamp_ns)
-        return replace(match, relative_pose=pose, anchor=anchor)
-
-    def _repeated(self, new_match: partial[Match], reason: Reason) -> Match:
-        """Return the last keyframe's answer, not as a match: this frame is not a keyframe."""
-        last = self._last
-        if reason is Reason.UNINFORMATIVE or last is None or not last.candidates:
-            return new_match(reason)
-        repeated = last.candidates, last.sequence_length, 0, last.confidence
-        return new_match(reason, *repeated)
+    def configure(self, config: Config) -> None:
+        """Use other settings from now on; those of the map stay."""
+        self.config = config
+        self.gate.configure(config)
 
     def reset(self) -> None:
         """Forget the frames so far; the map stays, and frames are counted on."""

@@ -6,10 +6,13 @@ from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Candidate, Frame, Match, Reason
+from convseq_ros.core.types import Candidate, Frame, Match, Pose, PoseEstimate, Reason
 from convseq_ros.node.publishers import MatchPublishers
+import numpy as np
 from pictures import scene
 import pytest
+
+HERE = Pose((1.0, 2.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 class Topics:
@@ -34,14 +37,15 @@ class Topic:
 def publish():
     """Return a function that publishes an answer, and returns the messages by topic."""
     places, gray = ReferenceMap(), scene(1)
-    places.add_frame(Frame(100, gray), describe(gray, places.encoding), 128)
+    places.add_frame(Frame(100, gray, pose=HERE), describe(gray, places.encoding), 128)
     recognizer = PlaceRecognizer(places)
     frame = Frame(2_000_000_000, gray)
     recognizer.process(frame)
 
-    def run(reason, confidence):
+    def run(reason, confidence, pose=None):
         candidates = (Candidate(0, 100, 0.75),)
-        match = Match(7, frame.stamp_ns, reason, candidates, 3, confidence=confidence)
+        stamp_ns = frame.stamp_ns
+        match = Match(7, stamp_ns, reason, candidates, 3, confidence=confidence, pose=pose)
         topics = Topics()
         MatchPublishers(topics, NodeConfig(), str).publish(frame, match, recognizer, 4.0, 12.5)
         return places.sessions[0].id, topics.messages
@@ -67,3 +71,14 @@ def test_a_closure_is_published_as_odometry_if_and_only_if_the_frame_is_accepted
     assert closure.child_frame_id == '/2000000000'
     _, messages = publish(Reason.AMBIGUOUS, 0.6)
     assert messages['~/closure_odometry'] == []
+
+
+def test_the_pose_of_a_match_is_published_with_the_error_of_the_map(publish):
+    ahead = Pose((5.0, 2.0, 0.0), HERE.orientation)
+    _, messages = publish(Reason.ACCEPTED, 0.97, PoseEstimate(ahead, np.eye(6) * 0.01))
+    (told,) = messages['~/pose']
+    assert told.pose.pose.position.x == 5.0
+    # 0.5 m of the map and 0.1 m; across, 0.1 rad of the map's heading are 0.4 m more.
+    variances = np.array(told.pose.covariance).reshape(6, 6).diagonal()
+    assert variances[:2] == pytest.approx([0.26, 0.42]) and variances[5] == pytest.approx(0.02)
+    assert publish(Reason.ACCEPTED, 0.97)[1]['~/pose'] == []
