@@ -139,7 +139,7 @@ def test_a_model_of_another_input_is_refused(tmp_path, options, problem):
     refused(problem, model(tmp_path / 'm.onnx', **options))
 
 
-def test_what_is_no_model_is_refused(tmp_path):
+def test_an_invalid_model_is_refused(tmp_path):
     path = tmp_path / 'm.onnx'
     for content in (b'hello', b'', b'\x08', bytes(100), b'\xff' * 50, b'\x08\1' * 2000):
         path.write_bytes(content)

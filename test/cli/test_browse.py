@@ -51,7 +51,7 @@ def browsed(path, capsys):
     return data, text, capsys.readouterr()
 
 
-def test_the_link_that_the_poses_deny_is_told_with_the_line_that_takes_it_out(path, capsys):
+def test_a_link_that_the_poses_deny_is_reported_with_the_command_that_removes_it(path, capsys):
     pytest.importorskip('gtsam')
     before = path.read_bytes()
     data, text, printed = browsed(path, capsys)

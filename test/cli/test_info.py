@@ -178,7 +178,7 @@ def test_the_picture_of_a_straight_street_has_a_height(tmp_path):
     assert rows.max() - rows.min() > drawn.shape[0] / 4
 
 
-def test_satellite_fixes_are_told_to_be_no_poses():
+def test_info_says_that_satellite_fixes_are_not_poses():
     fix = {'topic': '/fix', 'type': 'sensor_msgs/msg/NavSatFix', 'messages': 3, 'rate_hz': 1.0}
     facts = {'recording': 'drive', 'images': 2, 'seconds': 2.0, 'topics': [fix], 'warnings': []}
     lines = [line for line in recording_lines(facts) if '--poses' in line]

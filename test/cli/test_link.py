@@ -190,7 +190,7 @@ def _off_m(path, truth):
     return math.sqrt(((own @ (left @ right).T - true) ** 2).sum(axis=1).mean())
 
 
-def test_one_drive_that_meets_its_own_way_is_linked_once_and_its_poses_get_better(
+def test_a_drive_that_crosses_its_own_path_is_linked_once_and_its_poses_get_better(
     circled, tmp_path, capsys
 ):
     gtsam = pytest.importorskip('gtsam')

@@ -88,7 +88,7 @@ def test_a_distortion_under_the_other_name_is_one_warning(place_map, images, tmp
     )
 
 
-def test_what_is_not_recognised_is_an_answer(place_map, tmp_path, capsys):
+def test_an_image_that_is_not_recognised_gets_an_answer(place_map, tmp_path, capsys):
     path, _ = place_map
     cv2.imwrite(str(tmp_path / 'black.png'), np.zeros((120, 160), np.uint8))
     assert main(['locate', str(tmp_path / 'black.png'), '--map', str(path), *SETTINGS]) == 0

@@ -63,7 +63,7 @@ def test_the_line_to_paste_names_a_folder_of_any_name(name, drive, tmp_path, cap
     assert shown.stdout == os.fsencode(base)
 
 
-def test_pictures_of_any_name_are_told_by_it(tmp_path, capsys):
+def test_pictures_of_any_name_are_reported_by_their_name(tmp_path, capsys):
     folder = written(tmp_path / 'drive', map(scene, range(2)))
     odd = Path(os.fsdecode(bytes(folder) + b'/001\xfc.png'))
     (folder / '001.png').rename(odd)
@@ -153,7 +153,7 @@ def test_an_output_of_ascii_gets_bytes_in_hexadecimal(drive, tmp_path):
 
 
 @pytest.mark.parametrize('name', ['', 'part'])
-def test_a_full_disk_is_told_with_the_name_of_the_file(name, tmp_path):
+def test_a_full_disk_is_reported_with_the_name_of_the_file(name, tmp_path):
     path = tmp_path / 'a'
     with pytest.raises(OSError, match='No space') as caught, complete_or_absent(path) as part:
         raise OSError(errno.ENOSPC, 'No space', *([str(part)] if name else []))

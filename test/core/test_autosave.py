@@ -73,7 +73,7 @@ def test_a_place_is_written_though_nothing_comes_after_it(path):
     autosave.close()
 
 
-def test_what_is_persisted_is_evicted_and_still_known(path):
+def test_saved_pictures_leave_memory_and_can_still_be_read(path):
     autosave = own(path)
     reference_map = autosave.reference_map
     for _ in range(30):
@@ -128,7 +128,7 @@ def test_a_full_disk_is_reported_once_and_the_rest_is_written_when_there_is_room
         autosave.close()
 
 
-def test_who_comes_second_is_told_at_the_start_and_the_first_loses_nothing(path):
+def test_a_second_writer_is_refused_at_the_start_and_the_first_loses_nothing(path):
     save_map(drawn(3), path)
     first = own(path)
     for another in (lambda: own(path), lambda: save_map(drawn(1), path)):
@@ -191,7 +191,7 @@ def test_reading_waits_for_no_commit(path):
     owner.close()
 
 
-def test_what_is_committed_is_in_the_file_alone_while_its_owner_lives(path, tmp_path):
+def test_committed_places_are_in_the_file_itself_while_its_owner_lives(path, tmp_path):
     owner = grown(path, 5)
     assert path.read_bytes()[MODES] == AHEAD
     assert path.with_name('map.db-wal').stat().st_size == 0

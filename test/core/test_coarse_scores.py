@@ -72,7 +72,7 @@ def test_a_map_that_grows_is_scored_as_far_as_it_goes(reference_map, described):
     assert 52 in coarse.best(3, 0)
 
 
-def test_a_session_is_seen_from_what_it_usually_shows(described):
+def test_scores_are_relative_to_the_usual_view_of_a_session(described):
     rng, numbers = np.random.default_rng(0), ReferenceMap().global_descriptors.shape[1]
     town, park = rng.normal(0.0, 0.1, (300, numbers)), rng.normal(0.5, 0.1, (40, numbers))
     made, packed = ReferenceMap(), pack_cells(described(0).cells)

@@ -176,7 +176,7 @@ def test_a_flat_image_of_any_size_is_uninformative_and_has_no_nan(value, shape):
 @pytest.mark.parametrize(
     'image', [np.zeros((0, 5), np.uint8), np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4))]
 )
-def test_what_is_no_grey_image_is_refused(image):
+def test_an_invalid_grey_image_is_refused(image):
     with pytest.raises(ValueError, match='expected'):
         describe(image)
 
@@ -198,7 +198,7 @@ def bonnet(gray, seed):
     return hidden
 
 
-def test_what_is_hidden_changes_nothing_of_a_descriptor(image, mask):
+def test_hidden_parts_of_an_image_do_not_change_its_descriptor(image, mask):
     encoding = with_mask_read(EncodingConfig(image_mask=mask))
     one, other = (describe(bonnet(image(3), seed), encoding) for seed in (1, 2))
     assert np.array_equal(one.cells, other.cells)

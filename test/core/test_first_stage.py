@@ -196,7 +196,7 @@ def test_the_bytes_of_a_place(described, tmp_path):
         (lambda image: np.ones(4 + int(image.mean()) % 2), 'numbers, expected'),
     ],
 )
-def test_a_vector_that_is_none_is_told_in_one_line(frames, wrong, line):
+def test_an_invalid_vector_is_reported_in_one_line(frames, wrong, line):
     with pytest.raises(ModelError, match=line) as caught:
         build_map(frames(), None, CONFIG, describe=wrong)
     assert '\n' not in str(caught.value)

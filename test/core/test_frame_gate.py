@@ -110,7 +110,7 @@ def test_a_scene_that_did_not_change_is_left_out():
     assert found == [None, Reason.BETWEEN_KEYFRAMES, None]
 
 
-def test_by_odometry_keyframes_come_at_the_way_asked_for_however_long_it_takes():
+def test_with_odometry_keyframes_are_as_far_apart_as_configured_at_any_speed():
     keyframes = choosing(keyframe_distance_m=1.0)
     way = [0.0, 0.6, 0.9, 1.1, 1.1, 1.1, 1.9, 2.2, 9.0]
     found = [x for time, x in enumerate(way) if taken(keyframes, time, BLANK, at(x))]

@@ -183,7 +183,7 @@ def test_a_setting_that_is_lost_is_never_a_default(path, name):
         ('DELETE FROM images WHERE reference_index = 19', 'reference 19 is missing'),
     ],
 )
-def test_what_is_lost_of_any_table_is_found(path, change_to, found):
+def test_a_map_that_lost_part_of_any_table_is_refused(path, change_to, found):
     change(path, change_to)
     assert found in refusal(open_map, path)
 

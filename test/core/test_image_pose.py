@@ -151,7 +151,7 @@ def test_depth_tells_metres_without_odometry(deep_street, index):
         lambda depth_m: depth_m * np.float32(1e6),
     ],
 )
-def test_what_is_no_depth_tells_no_metres(deep_street, change):
+def test_an_invalid_depth_gives_no_metres(deep_street, change):
     told = build_map(blind(deep_street[0], change), None, EVERY)
     assert told.pictures([9], True)[0].depths is None
     assert measured(told, deep_street[1][8], 9).position_m is None

@@ -218,7 +218,7 @@ NONE = None, None, None
     + [(15, 3, 3, *said) for said in ((2.0, 1, None), ('a', 1, None), (0.5, 'a', None))]
     + [(15, 3, 3, 0.5, 9, measured) for measured in (b'', b'1234567', bytes(264), UNTURNED)],
 )
-def test_links_that_cannot_be_are_left_out_and_told_once(path, row, capsys):
+def test_impossible_links_are_left_out_and_reported_once(path, row, capsys):
     whole = made(20, (12, 2), (18, 3))
     save_map(whole, path)
     with closing(sqlite3.connect(path)) as database, database:

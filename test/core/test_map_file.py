@@ -116,7 +116,7 @@ def test_a_foreign_file_is_refused(tmp_path, content):
         ('.', 'is a folder; name the map file in it'),
     ],
 )
-def test_what_is_no_map_is_refused_with_the_remedy(tmp_path, name, said):
+def test_an_invalid_map_is_refused_with_the_remedy(tmp_path, name, said):
     with sqlite3.connect(tmp_path / 'other.db') as database:
         database.execute('CREATE TABLE frames (x)')
     with pytest.raises(MapError, match=said):

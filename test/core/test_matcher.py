@@ -123,7 +123,7 @@ def test_references_are_read_in_one_go_and_once(made, watched, threads):
     assert watched.reads[1:] == [[31, 32]]
 
 
-def test_a_failure_in_any_lot_is_told_and_forgotten(made, watched, monkeypatch):
+def test_a_failure_in_any_lot_is_raised_once(made, watched, monkeypatch):
     matcher = made(watched, threads=3)
     query = matcher.extract(drawn(0))
     watched.reads.clear()

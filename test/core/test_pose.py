@@ -267,7 +267,7 @@ def sigmas(estimate):
 EAST = along(*(pose(6 * index) for index in range(5)))
 
 
-def test_along_the_way_it_is_as_uncertain_as_places_are_apart():
+def test_a_pose_is_as_uncertain_along_the_path_as_places_are_apart():
     # Six metres apart: half-way to the next is 3 m, a uniform error of 6 / sqrt(12).
     estimate = in_inexact_map(EAST, 2, yaw_rad=0.0)
     along = math.sqrt(0.5**2 + 36 / 12)

@@ -178,7 +178,7 @@ def drive(path, image):
     return run
 
 
-def test_a_way_that_is_driven_again_and_again_stops_growing_and_is_recognised(drive, path):
+def test_a_map_of_a_path_that_is_driven_repeatedly_stops_growing_and_is_recognised(drive, path):
     for day in range(6):
         session, found = drive(day, ROUND)
         right = [

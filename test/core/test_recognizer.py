@@ -112,7 +112,7 @@ def reference_map(image):
     return made
 
 
-def test_a_robot_that_stands_still_is_told_the_same_and_it_is_no_match(reference_map, drive):
+def test_at_standstill_the_last_answer_is_repeated_and_is_no_match(reference_map, drive):
     recognizer = PlaceRecognizer(reference_map, OWN)
     matches = drive(recognizer, [*range(10, 30), *[29] * 30, *range(30, 45)])
     standing = matches[20:50]
@@ -153,7 +153,7 @@ def test_matches_come_at_the_stated_rate(reference_map, drive):
     }
 
 
-def test_the_shift_is_told_in_cells_pixels_and_as_a_turn(reference_map, image):
+def test_the_shift_is_given_in_cells_in_pixels_and_as_a_turn(reference_map, image):
     config = with_values(OWN, {'fixed_length': 1})
     camera = Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
     moved = np.roll(image(20), -20, axis=1)

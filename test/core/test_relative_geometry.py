@@ -100,7 +100,7 @@ def test_a_camera_of_impossible_numbers_is_not_usable(wrong):
     assert is_usable(CAMERA) and not is_usable(replace(CAMERA, **wrong))
 
 
-def test_depths_follow_from_neighbours_a_known_way_apart():
+def test_depths_follow_from_neighbours_at_a_known_distance():
     ahead, inverse_m = scene()
     sights = [Sight(seen(ahead, inverse_m, MOVED), MOVED, SCALE)]
     found = triangulate(ahead, sights)

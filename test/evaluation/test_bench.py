@@ -338,7 +338,7 @@ def test_any_other_recogniser_decides_as_it_does_without_the_bench(text):
     assert make_method(parse_method(text), Config()).config.believes
 
 
-def test_a_missing_package_is_told_before_any_image_is_read(street, tmp_path, monkeypatch):
+def test_a_missing_package_is_reported_before_any_image_is_read(street, tmp_path, monkeypatch):
     monkeypatch.setattr(methods, 'find_spec', lambda _: None)
     monkeypatch.setattr(bench, 'open_material', lambda *_: pytest.fail('it reads images'))
     with pytest.raises(ConfigError, match=r'method hog: needs scikit-image; pip install '):

@@ -175,7 +175,7 @@ def test_verdicts_are_those_of_the_table_and_pictures_are_held_once(page):
     assert rows[23][1] == 'Rejected: ambiguous, and this place is not in the map.'
 
 
-def test_what_is_missing_or_damaged_of_the_pictures_is_left_out(copy, tmp_path):
+def test_missing_or_damaged_pictures_are_left_out(copy, tmp_path):
     (copy / 'street' / 'thumbnails' / 'query' / '000005.jpg').write_bytes(b'\xff\xd8\xff no')
     for path in (*copy.glob('*/*/scores.npy'), *copy.glob('*/*/curve.csv')):
         path.unlink()
@@ -193,7 +193,7 @@ def test_of_very_many_frames_some_are_shown_with_a_note(results, page, tmp_path,
     assert 'one frame in' in text and 'one frame in' not in page.read_text(encoding='utf-8')
 
 
-def test_two_results_of_the_same_set_and_method_are_told_apart(results, copy):
+def test_two_results_of_the_same_set_and_method_have_different_names(results, copy):
     methods = [one.name for one in read_runs([results, copy]) if one.run.set == 'loop']
     assert sorted(methods) == ['convseq', 'convseq (copy)']
 

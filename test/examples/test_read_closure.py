@@ -69,7 +69,7 @@ def test_of_a_growing_map_it_tells_the_session_of_the_query(reference_map):
     assert (read['query_session'] == read['reference_session']).all()
 
 
-def test_what_is_not_measured_is_no_number(reference_map):
+def test_values_that_are_not_measured_are_not_numbers(reference_map):
     read = read_closure(closure(reference_map, None))
     assert np.isnan([read[name] for name in ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')]).all()
     assert np.isnan(read['direction']).all() and read['inliers'] == 88

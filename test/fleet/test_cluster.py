@@ -27,7 +27,7 @@ def test_another_machine_is_refused_without_tls(address):
 
 
 @pytest.mark.parametrize('address', ['8786', 'http://127.0.0.1:8786', 'tcp://host', 'tcp://:1'])
-def test_what_is_no_address_is_refused(address):
+def test_an_invalid_address_is_refused(address):
     with pytest.raises(FleetError, match='no address of a scheduler'):
         checked_address(Cluster(address))
 
@@ -41,14 +41,14 @@ def test_another_machine_is_talked_to_by_tls_alone():
             pass
 
 
-def test_what_is_missing_is_named(monkeypatch):
+def test_a_missing_package_is_named_with_the_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, 'distributed', None)
     with pytest.raises(FleetError, match=r'pip install.*distributed'):
         with connected(Cluster()):
             pass
 
 
-def test_workers_that_do_not_start_are_tried_again_and_told_in_a_line(monkeypatch):
+def test_workers_that_do_not_start_are_tried_again_and_reported_in_one_line(monkeypatch):
     distributed, tries = pytest.importorskip('distributed'), []
 
     def fails(**_):

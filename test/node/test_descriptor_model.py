@@ -49,7 +49,7 @@ def test_an_answer_says_what_the_model_took(client, vpr, net, net_map, street, i
 
 
 @pytest.mark.parametrize('mode', ['preloaded', 'online'])
-def test_a_model_that_fails_is_told_and_the_built_in_descriptor_goes_on(
+def test_a_model_that_fails_is_reported_and_the_built_in_descriptor_takes_over(
     client, vpr, net, net_map, street, image, monkeypatch, mode
 ):
     kept = {'keyframe_overlap': 1.0} if mode == 'online' else {}
@@ -107,7 +107,7 @@ def test_another_model_or_none_of_its_kind_is_refused_at_the_start(vpr, net, net
         vpr(map_path=net_map, descriptor_model=str(tmp_path / 'absent.onnx'))
 
 
-def test_a_missing_onnxruntime_is_told_when_the_node_starts(vpr, net, net_map, monkeypatch):
+def test_a_missing_onnxruntime_is_reported_when_the_node_starts(vpr, net, net_map, monkeypatch):
     monkeypatch.setitem(__import__('sys').modules, 'onnxruntime', None)
     with pytest.raises(ModelError, match='needs onnxruntime; pip install'):
         vpr(map_path=net_map, descriptor_model=str(net))

@@ -101,7 +101,7 @@ def test_images_that_do_not_come_are_a_warning_that_is_logged_once(
     assert capfd.readouterr().err.count('no images for') == 1
 
 
-def test_a_camera_that_stopped_is_told_once_and_every_time_that_it_stops(
+def test_a_camera_is_reported_once_each_time_that_it_stops(
     client, vpr, map_path, impatient, street, image, capfd
 ):
     vpr(map_path=map_path, **PERIOD)

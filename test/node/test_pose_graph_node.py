@@ -216,7 +216,7 @@ def test_evo_reads_the_trajectory(client, graph_node, tmp_path):
 # Bad input.
 
 
-def test_the_graph_of_another_map_is_told_and_not_overwritten(client, graph_node, tmp_path):
+def test_the_graph_of_another_map_is_reported_and_not_overwritten(client, graph_node, tmp_path):
     path = tmp_path / 'map.graph'
     node = graph_node(graph_file=path)
     drive(node)

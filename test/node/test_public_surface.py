@@ -184,7 +184,7 @@ def surface(client: Any, vpr: Any) -> dict[str, dict[str, list[str]]]:
     return parts
 
 
-def test_what_is_public_is_what_was_promised(surface):
+def test_the_public_surface_is_as_promised(surface):
     """Whoever changes a stable line breaks somebody; `may change` is told in the changelog."""
     if os.environ.get('CONVSEQ_SURFACE') == 'write':
         KEPT.write_text(json.dumps(surface, indent=1) + '\n', encoding='utf-8')

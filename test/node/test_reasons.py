@@ -74,7 +74,7 @@ def seen(street, image):
 
 
 @pytest.mark.parametrize('drive', DRIVES)
-def test_a_reason_is_told_in_the_table_and_counted(client, vpr, part_of, seen, tmp_path, drive):
+def test_a_reason_is_written_to_the_table_and_counted(client, vpr, part_of, seen, tmp_path, drive):
     count, parameters, views, expected = DRIVES[drive]
     if count:
         parameters = parameters | {'map_path': part_of(count)}

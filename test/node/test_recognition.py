@@ -96,7 +96,7 @@ def test_an_error_is_logged_and_counted_and_the_next_frame_answered(
     assert [match.query_index for _, match, _ in setup.published] == [1]
 
 
-def test_each_kind_of_unreadable_image_is_told_once_and_counted_every_time(setup, image, gray):
+def test_each_kind_of_unreadable_image_is_logged_once_and_counted_every_time(setup, image, gray):
     for number, encoding in enumerate(('mono7', 'mono7', 'mono5', 'mono7')):
         message = image(gray, 1)
         message.encoding = encoding
@@ -187,7 +187,7 @@ def told(monkeypatch):
     return lines
 
 
-def test_drops_are_told_with_their_cause_and_numbers_of_queries_count_them(
+def test_drops_are_logged_with_their_cause_and_query_numbers_count_them(
     quick, told, client, vpr, street, image, map_path, held
 ):
     node = vpr(map_path=map_path, queue_size=2)
@@ -222,7 +222,7 @@ def match(index):
     return Match(index, index, Reason.WARMING_UP)
 
 
-def test_a_full_disk_is_told_once_and_counted(tmp_path, monkeypatch):
+def test_a_full_disk_is_logged_once_and_counted(tmp_path, monkeypatch):
     logger = Mock()
     log = ResultLog(str(tmp_path / 'result.csv'), logger)
     log.write(match(0), 1.5)

@@ -224,7 +224,7 @@ def test_a_frame_gets_the_depth_of_its_moment(heard):
     assert images.at(SECOND + 50 * MS) is None and images.missing == 1
 
 
-def test_what_is_no_depth_is_counted(heard):
+def test_an_invalid_depth_image_is_counted(heard):
     images, hear = heard
     hear(depth(SECOND, encoding='rgb8'))
     assert images.at(SECOND) is None and images.unreadable == 1

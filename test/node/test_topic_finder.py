@@ -131,7 +131,7 @@ def test_a_camera_is_kept_once_the_search_is_settled(graph):
     assert seen.finder._timer.cancel.called
 
 
-def test_an_equal_camera_changes_nothing_and_is_told_once(graph):
+def test_an_equal_camera_changes_nothing_and_is_logged_once(graph):
     seen = graph()
     seen.add('/right/image_raw')
     seen.add('/left/image_raw')

@@ -38,9 +38,7 @@ def answers(client, futures):
     return [future.result() for future in futures]
 
 
-def test_it_is_told_on_the_frame_that_makes_it_sure_to_all_who_asked(
-    client, vpr, map_path, show, ask
-):
+def test_all_who_asked_are_answered_on_the_frame_that_localises(client, vpr, map_path, show, ask):
     vpr(map_path=map_path, fixed_length=1, localize_timeout_s=60.0)
     show(3)
     futures = ask(2)

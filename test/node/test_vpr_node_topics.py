@@ -124,7 +124,7 @@ def test_the_debug_image_is_made_for_whoever_looks(client, vpr, map_path, street
     assert np.frombuffer(pictures[-1].data, np.uint8).std() > 10
 
 
-def test_whoever_looks_sees_the_way_of_the_map(client, vpr, map_path):
+def test_the_path_of_the_map_is_published_to_subscribers(client, vpr, map_path):
     vpr(map_path=map_path)
     paths = client.listen(Path, '/vpr_node/reference_path', LATCHED)
     client.wait_for(lambda: paths, 'the path that was published at the start')
@@ -158,7 +158,7 @@ def test_every_frame_has_an_answer_that_is_its_row(client, vpr, show, map_path, 
     assert anchors == {reference_map.sessions[0].id}
 
 
-def test_the_map_is_told_to_whoever_comes_late(client, vpr, map_path):
+def test_a_late_subscriber_gets_the_map_info(client, vpr, map_path):
     node = vpr(map_path=map_path)
     client.wait_for(lambda: node._ready)
     told = client.listen(DiagnosticArray, '/vpr_node/map_info', LATCHED)

@@ -90,7 +90,7 @@ def clock(monkeypatch):
     return now
 
 
-def test_what_waits_for_too_long_gives_way_to_what_follows_evenly(clock):
+def test_frames_that_wait_too_long_are_dropped_evenly(clock):
     """Three items come while one is handled; what is handled waited as long as is allowed."""
     made_ms, handled = [], []
 

@@ -193,7 +193,7 @@ def test_the_second_lap_sees_what_the_first_saw():
         (((0.0, 0.0), (20.0, 0.0), (20.0, 4.0), (40.0, 4.0)), 'there is no bend'),
     ],
 )
-def test_what_is_no_route_is_refused(corners, told):
+def test_an_invalid_route_is_refused(corners, told):
     with pytest.raises(ConvseqError, match=told):
         Route(corners)
 

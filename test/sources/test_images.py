@@ -261,7 +261,7 @@ def test_cut_pictures_are_image_errors(suffix, share, capfd):
 
 
 @pytest.mark.parametrize('data', [b'', b'hello world', bytes(100), zlib.compress(b'x' * 99)])
-def test_what_is_no_picture_is_an_image_error(data):
+def test_an_invalid_picture_is_an_image_error(data):
     with pytest.raises(ImageError, match='cannot be decoded'):
         gray_of(picture_pixels(data))
 

@@ -40,7 +40,7 @@ def flip(path, position):
 
 @pytest.mark.parametrize('layout', PACKED)
 @pytest.mark.parametrize('number', [0, 1])
-def test_a_flipped_bit_costs_a_chunk_and_is_told_in_a_line(write, layout, number, pictures):
+def test_a_flipped_bit_costs_a_chunk_and_is_reported_in_one_line(write, layout, number, pictures):
     path = write(layout, recordings.drive(pictures))
     chunks = chunks_of(path)
     assert len(chunks) > 2

@@ -101,7 +101,7 @@ def test_every_rotation_keeps_its_turn(tmp_path_factory, numbers):
         (('x 0 0 0 0 0 0 1',), 'line 1: x is not a stamp'),
     ],
 )
-def test_what_is_no_pose_is_named_with_its_line(file, lines, said):
+def test_an_invalid_pose_is_named_with_its_line(file, lines, said):
     with pytest.raises(SourceError, match=said):
         read_pose_file(file(*lines), 2)
 
@@ -158,7 +158,7 @@ def test_frames_of_a_folder_know_their_poses_and_their_camera(folder, file, tmp_
         (KITTI.replace('50', 'nan'), 'are not those of a camera'),
     ],
 )  # fmt: skip
-def test_what_is_no_camera_is_refused(folder, tmp_path, text, said):
+def test_an_invalid_camera_is_refused(folder, tmp_path, text, said):
     (tmp_path / 'camera').write_text(text)
     with pytest.raises(SourceError, match=said):
         list(open_annotated(folder, camera_info=str(tmp_path / 'camera')))

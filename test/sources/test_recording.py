@@ -217,7 +217,7 @@ def test_both_encodings_and_both_orders_of_bytes():
         ({'data': np.zeros(0, np.uint8)}, 'too short'),
     ],
 )
-def test_what_is_no_depth_image_is_refused_in_a_line(changes, word):
+def test_an_invalid_depth_image_is_refused_in_one_line(changes, word):
     with pytest.raises(ImageError, match=word):
         decode_depth(depth(0, 5, **changes))
 

@@ -158,7 +158,7 @@ def test_a_belief_that_is_denied_goes_elsewhere_step_by_step(a_map):
     assert all(one < other for one, other in pairwise(left)) and left[-1] > 0.9
 
 
-def test_what_is_told_as_unlikely_as_can_be_is_found_again(a_map):
+def test_the_belief_recovers_from_the_lowest_likelihoods(a_map):
     belief = Belief(a_map(20), Driven(0.0))
     for _ in range(50):
         seen(belief, np.full(20, -50.0), unseen=-50.0)
