@@ -192,6 +192,15 @@ class PoseEstimate:
     # (6, 6), of x, y, z in metres and of turns about these axes in radians
     covariance: npt.NDArray[np.float64]
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether both are the same, so that matches can be compared."""
+        if not isinstance(other, PoseEstimate):
+            return NotImplemented
+        return self.pose == other.pose and np.array_equal(self.covariance, other.covariance)
+
+    def __hash__(self) -> int:
+        return hash(self.pose)
+
     def __str__(self) -> str:
         """Return the estimate for people; its first sigma is the mean over x and y."""
         x, y, z = self.pose.position

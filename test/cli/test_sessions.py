@@ -104,7 +104,8 @@ def test_a_merged_map_answers_every_frame_as_one_built_in_one_go(maps, tmp_path,
         assert one.candidates[:1] == other.candidates[:1]
         names = 'confidence', 'localization', 'candidates'
         rounded = {name: getattr(one, name) for name in names}
-        other = replace(other, relative_pose=one.relative_pose, anchor=one.anchor, **rounded)
+        rounded |= {name: getattr(one, name) for name in ('relative_pose', 'pose', 'anchor')}
+        other = replace(other, **rounded)
         assert one == other
 
 

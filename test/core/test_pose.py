@@ -348,3 +348,9 @@ def test_it_is_never_more_certain_than_the_map(points, data):
     assert (covariance == covariance.T).all()
     assert np.linalg.eigvalsh(covariance[:3, :3]).min() >= 0.25 - 1e-6
     assert np.linalg.eigvalsh(covariance[3:, 3:]).min() >= 0.01 - 1e-9
+
+
+def test_estimates_are_equal_if_pose_and_covariance_are():
+    one, other = (estimate_pose(EAST, 2) for _ in range(2))
+    assert one == other and len({one, other}) == 1
+    assert one != in_inexact_map(EAST, 2) and one != estimate_pose(EAST, 3)
