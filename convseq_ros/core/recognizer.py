@@ -25,6 +25,7 @@ from convseq_ros.core.retrieval.coarse_scores import AllPlaces, CoarseScores
 from convseq_ros.core.similarity.matcher import make_matcher, Matcher
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Anchor, Candidate, Descriptor, Doubles, Frame, Match, Reason
+import numpy as np
 
 
 class PlaceRecognizer:
@@ -204,7 +205,10 @@ class PlaceRecognizer:
 
     def displacements(self, candidate: Candidate | None) -> Doubles:
         """Return the displacement field (n, 5) of the newest frame and a candidate."""
-        return self.buffer.field(candidate)
+        features = self.buffer.newest.features if len(self.buffer) else None
+        if features is None or candidate is None or candidate.shift is None:
+            return np.zeros((0, 5))
+        return self.matcher.field(features, candidate.reference_index, candidate.shift)
 
     def _is_late(self, stamp_ns: int) -> bool:
         """Return whether a frame comes late; begin anew if the clock jumped back."""

@@ -70,7 +70,7 @@ def _scene(
         pen.rectangle((right, top, right + _WIDTH, top + _HEIGHT), None, _GREEN, 3 * _FINER)
         text = f'"I was here {query - reference} images ago"'
         pen.text((right, _MARGIN), text, _GREEN, font)
-        found = recognizer.buffer.field(accepted)
+        found = recognizer.displacements(accepted)
         for row, column, other_row, other_column, _ in found[found[:, 4] == 1][::9]:
             start = left + column * _WIDTH, top + row * _HEIGHT
             end = right + other_column * _WIDTH, top + other_row * _HEIGHT

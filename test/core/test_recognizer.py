@@ -225,3 +225,7 @@ def test_a_map_that_shows_nothing_answers_without_a_match(image):
     for index in range(3):
         black.add_frame(Frame(index + 1, dark), describe(dark, SMALL), 0)
     assert PlaceRecognizer(black, OWN).process(Frame(10**9, image(0))).accepted is None
+
+
+def test_without_a_frame_or_a_candidate_there_are_no_displacements():
+    assert PlaceRecognizer(ReferenceMap()).displacements(None).shape == (0, 5)

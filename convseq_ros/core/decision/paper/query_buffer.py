@@ -9,7 +9,7 @@ from convseq_ros.core.decision.paper.diagonals import ONE_SESSION, sequence_scor
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import SessionBounds
 from convseq_ros.core.similarity.matcher import Features, Matcher
-from convseq_ros.core.types import Candidate, constants, Descriptor, Indices, Row
+from convseq_ros.core.types import constants, Descriptor, Indices, Row
 import numpy as np
 
 
@@ -129,13 +129,6 @@ class QueryBuffer:
             row[indices] = exact
             frame.rescored.update(indices.tolist())
         return sequence_scores(self.rows[:length], ends=ends, bounds=self.bounds)
-
-    def field(self, candidate: Candidate | None) -> Values:
-        """Return the displacement field (n, 5) of the newest frame and a candidate."""
-        features = self.newest.features
-        if features is None or candidate is None or candidate.shift is None:
-            return np.zeros((0, 5))
-        return self._matcher.field(features, candidate.reference_index, candidate.shift)
 
     def verified(self, indices: Sequence[int]) -> dict[int, Verification]:
         """Return verifications of the newest frame by reference, if the matcher verifies."""
