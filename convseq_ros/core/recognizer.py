@@ -10,7 +10,6 @@ from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.decider import Answer, Decider, Query
 from convseq_ros.core.decision.localizer import Localizer
 from convseq_ros.core.decision.paper.decider import PaperDecider
-from convseq_ros.core.decision.paper.length import choose_length
 from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import Describe, FirstStage
@@ -78,8 +77,8 @@ class PlaceRecognizer:
         length = reference_map.global_descriptors.shape[1]
         self.first_stage = FirstStage(describe, reference_map.encoding, length)
         self.model_ms = 0.0  # how long the descriptor model took for the newest frame
-        self._similarity = PaperSimilarity(config.matching.kernel)
-        self.gate = FrameGate(config, reference_map.keyframes, self._similarity)
+        similarity = PaperSimilarity(config.matching.kernel)
+        self.gate = FrameGate(config, reference_map.keyframes, similarity)
         followed = leader and FollowedMap(reference_map, leader.mapping)
         self.mapping: PreloadedMap = mapping or followed or mapping_of(reference_map, config)
         self.matcher = matcher or make_matcher(reference_map, config)
@@ -136,19 +135,19 @@ class PlaceRecognizer:
         if not self._links:
             self.mapping.add(frame, descriptor)
             return self._as_match(frame, Answer(self.mapping.nothing_usable))
-        # 3 to 5: the buffer, the length k, the decision.
+        # 3 and 4: the buffer, and the decision.
         answer = self._decide(frame, descriptor, verdict.missing)
-        # 6. An accepted match gets its pose relative to the place (ours).
+        # 5. An accepted match gets its pose relative to the place (ours).
         match = self._as_match(frame, answer, self.buffer.pairs_scored)
         match = self._last = self._complete(match, frame)
-        # 7. The map grows (ours); then the camera has its pose in it.
+        # 6. The map grows (ours); then the camera has its pose in it.
         self.mapping.add(frame, descriptor, match)
         match = with_shift_and_yaw(match, frame, self.reference_map)
         return with_pose(match, self.buffer.row, self.reference_map.places)
 
     def _decide(self, frame: Frame, descriptor: Descriptor, missing: int) -> Answer:
         """Return the answer to a keyframe, after `missing` dropped ones."""
-        config, buffer = self.config, self.buffer
+        buffer = self.buffer
         # 3. III-A: the newest frame joins the rolling buffer; a dropped one leaves an empty slot.
         buffer.add_empty(missing, self._blank, self._capacity)
         usable = self.mapping.usable  # places [0, usable) may match
@@ -157,12 +156,9 @@ class PlaceRecognizer:
             return Answer(Reason.UNINFORMATIVE)
         if not usable:
             return Answer(self.mapping.nothing_usable)
-        # 4. III-E, III-F: information gain and entropy choose k, the number of frames to match.
-        length = choose_length(buffer.descriptors, self._similarity, config.sequence)
-        # 5. III-D, III-G, or the Bayes filter: score the likely places; is the best one a match?
+        # 4. III-D to III-G, or the Bayes filter: is the best of the likely places a match?
         start = self.mapping.session_start
-        query = Query(frame, buffer, usable, start, config, length, missing)
-        return self.decider.decide(query)
+        return self.decider.decide(Query(frame, buffer, usable, start, self.config, missing))
 
     def _complete(self, match: Match, frame: Frame) -> Match:
         """Measure the shift; accept a match, unless it follows the last one too soon."""

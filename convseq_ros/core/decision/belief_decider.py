@@ -75,6 +75,7 @@ class BeliefDecider:
             observed.places, observed.log_ratios, entry, query.usable, query.session_start
         )
         self._learn(observed)
+        query.buffer.add_evidence(self._evidence(observed))
         return self._answer(query, observed)
 
     def _learn(self, observed: Observation) -> None:
@@ -86,9 +87,16 @@ class BeliefDecider:
             shown = min(1.0, float(masses[likeliest]))
             self._observer.likelihood.learn(observed.asked[likeliest], shown)
 
+    def _evidence(self, observed: Observation) -> float:
+        """Return the log ratio by which a frame speaks for the likeliest place, at least 0."""
+        if not len(self._belief.places):
+            return 0.0
+        best = self._belief.places[self._belief.mass.argmax()]
+        return max(0.0, float(observed.log_ratios[np.searchsorted(observed.places, best)]))
+
     def _answer(self, query: Query, observed: Observation) -> Answer:
         belief, config = self._belief, query.config.acceptance
-        length = query.length or len(query.buffer)
+        length = query.buffer.length
         if not len(belief.places):
             return Answer(Reason.WEAK, (), length, 0.0)
         best = int(belief.places[belief.mass.argmax()])
@@ -146,7 +154,7 @@ class BeliefDecider:
 
     def _score(self, index: int, query: Query) -> float:
         """Return the mean of the pair scores along the diagonal that ends at a place."""
-        rows = query.buffer.rows[: query.length or len(query.buffer)]
+        rows = query.buffer.rows[: query.buffer.length]
         velocity = self._belief.velocity(index)
         first, end = self._map.bounds.span(index)
         met = zip(rows, diagonal(len(rows), velocity or 1e-9), strict=True)

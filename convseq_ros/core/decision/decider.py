@@ -22,7 +22,6 @@ class Query:
     usable: int  # number of places, from the first, that may be matched; at least one
     session_start: int  # places from this index on are of the running drive
     config: Config  # the current one; it may change between frames
-    length: int | None  # k of the paper; None while the buffer has too few frames
     missing: int = 0  # number of keyframes that were dropped before this one
 
 
@@ -32,7 +31,7 @@ class Answer:
 
     reason: Reason
     candidates: Candidates = ()  # best first
-    length: int = 0  # number of frames matched together
+    length: int = 0  # k: number of frames on which it rests
     confidence: float | None = None  # probability that the best is right, if it is known
     implausible_m: float | None = None  # distance of the best beyond what odometry allows
 

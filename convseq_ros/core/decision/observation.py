@@ -124,8 +124,7 @@ class Observer:
             verified |= buffer.verified(more)
             peaks += more
         observed = self._judged(query, belief, places, scores, verified, peaks)
-        # An image that shows nothing new is no new evidence for a place.
-        log_ratios = np.where(observed.log_ratios > 0, buffer.novelty, 1.0) * observed.log_ratios
+        log_ratios = np.where(observed.log_ratios > 0, _weight(query), 1.0) * observed.log_ratios
         return self._with(replace(observed, log_ratios=log_ratios), believed)
 
     def _promising(self, buffer: QueryBuffer, places: Indices, most: int) -> Indices:
@@ -261,6 +260,18 @@ class Observer:
 
     def _elsewhere(self, places: Indices, best: int) -> Indices:
         return places[~self._near.mask(places, best)]
+
+
+def _weight(query: Query) -> float:
+    """
+    Return how much a frame counts as evidence for a place, in [0, 1].
+
+    As in the paper, by information gain (III-E) and entropy (III-F): an image that shows nothing
+    new says nothing new, and one below the threshold of entropy says less.
+    """
+    entropy = query.buffer.newest.descriptor.entropy
+    enough = query.config.sequence.entropy_threshold
+    return query.buffer.novelty * (min(1.0, entropy / enough) if enough else 1.0)
 
 
 def _strongest(verified: Mapping[int, Verification], otherwise: int) -> int:

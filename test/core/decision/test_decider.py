@@ -4,7 +4,7 @@
 
 from dataclasses import replace
 
-from convseq_ros.config import AcceptanceConfig, Config
+from convseq_ros.config import AcceptanceConfig, Config, SequenceConfig
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.paper.decider import decide_by_margin, PaperDecider
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
@@ -20,7 +20,7 @@ class Given:
 
     def __init__(self, scores):
         self.scores, self.asked = np.array(scores, float), []
-        self.newest = type('Newest', (), {'descriptor': None})
+        self.newest, self.descriptors = type('Newest', (), {'descriptor': None}), [None] * 16
 
     def score(self, count, ends):
         self.asked.append((count, ends.tolist()))
@@ -32,9 +32,9 @@ class Given:
 def decided(a_map, scores, config=RULE, length=3, lengths=None):
     buffer = Given(scores)
     whole = a_map(*(lengths or [len(scores)]))
-    query = Query(
-        Frame(0, None), buffer, len(scores), 0, replace(Config(), acceptance=config), length
-    )
+    sequence = replace(SequenceConfig(), fixed_length=length)
+    config = replace(Config(), acceptance=config, sequence=sequence)
+    query = Query(Frame(0, None), buffer, len(scores), 0, config)
     return PaperDecider(whole, AllPlaces(), Config()).decide(query), buffer
 
 

@@ -25,11 +25,12 @@ SHOWN = {30: 100.0}  # strength of the place that the frame shows; that of other
 class Shown:
     """Stands in for a buffer: what pairs score, and how strongly they are verified."""
 
-    def __init__(self, scores, strengths, usual=25.0):
+    def __init__(self, scores, strengths, usual=25.0, entropy=1.0):
         self.rows, self._strengths, self._usual = [np.array(scores, np.float32)], strengths, usual
         self.novelty = 1.0
         features = SimpleNamespace(packed=SimpleNamespace(side=30))
-        self.newest = SimpleNamespace(descriptor=None, features=features)
+        descriptor = SimpleNamespace(entropy=entropy)
+        self.newest = SimpleNamespace(descriptor=descriptor, features=features)
 
     def score(self, count, _places):
         assert count == 1
@@ -114,7 +115,7 @@ def looked(reference_map, buffer, masses=None, start=NONE, told=None, listed=Non
     count = len(buffer.rows[0])
     coarse = Listed(range(count) if listed is None else listed, count)
     observer = Observer(coarse, Neighbourhood(reference_map), told or Told(), 40)
-    query = Query(Frame(0, None), buffer, usable or count, start, Config(), None)
+    query = Query(Frame(0, None), buffer, usable or count, start, Config())
     seen = observer.observe(query, believing(masses))
     return seen, dict(zip(seen.places.tolist(), seen.log_ratios.tolist(), strict=True))
 

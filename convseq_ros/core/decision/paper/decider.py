@@ -4,8 +4,10 @@
 
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.decision.decider import Answer, candidate, distinct_peaks, Query
+from convseq_ros.core.decision.paper.length import choose_length
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
+from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Candidates, Doubles, Flags, Indices, Reason
 import numpy as np
 
@@ -28,6 +30,7 @@ class PaperDecider:
         self._map, self._coarse = reference_map, coarse
         self._listed = config.matching.shortlist_length
         self._shares_regions = config.sequence.sequence_regions == 'newest'
+        self._similarity = PaperSimilarity(config.matching.kernel)
 
     def reset(self) -> None:
         self._coarse.reset()
@@ -37,8 +40,9 @@ class PaperDecider:
 
     def decide(self, query: Query) -> Answer:
         """Return the best places by their sequence scores."""
-        buffer, length = query.buffer, query.length
-        newest = buffer.newest
+        buffer, newest = query.buffer, query.buffer.newest
+        # III-E, III-F: information gain and entropy choose k, the number of frames to match.
+        length = choose_length(buffer.descriptors, self._similarity, query.config.sequence)
         self._coarse.update(newest.descriptor, query.usable)
         ends = self._coarse.best(self._listed, self._listed // 4)
         if length is None:

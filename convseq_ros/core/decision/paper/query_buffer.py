@@ -20,6 +20,7 @@ class BUFFER:
     longest_gap: int = 5  # missing frames; after more the buffer is emptied
     most_rescored: int = 8  # sequences that are scored again by the exact kernel
     error: float = 0.02  # of an approximate score; ten times the largest of single pairs
+    carried: float = 0.9  # share of the evidence that the k newest frames carry
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +33,7 @@ class BufferedFrame:
     rescored: set[int] = field(default_factory=set)  # references whose pair score is exact
     verified: dict[int, Verification] = field(default_factory=dict)  # by reference
     novelty: float = 1.0  # see `QueryBuffer.novelty`
+    evidence: float = 0.0  # see `QueryBuffer.add_evidence`
 
 
 class QueryBuffer:
@@ -147,6 +149,16 @@ class QueryBuffer:
     def novelty(self) -> float:
         """How new the newest frame is, in [0, 1]: 1 if its cosine with the last is at most 0.5."""
         return self.newest.novelty
+
+    def add_evidence(self, evidence: float) -> None:
+        """Note by how much, in log ratios of at least 0, the newest frame speaks for a place."""
+        self.frames[0] = replace(self.frames[0], evidence=evidence)
+
+    @property
+    def length(self) -> int:
+        """The number k of the newest frames that carry nine tenths of the buffer's evidence."""
+        carried = np.cumsum([frame.evidence for frame in self.frames])
+        return 1 + int(np.searchsorted(carried, BUFFER.carried * carried[-1]))
 
     def _keep(self, frame: BufferedFrame, capacity: int) -> None:
         self.frames = [frame, *self.frames[: capacity - 1]]
