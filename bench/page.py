@@ -39,9 +39,9 @@ make board                     # two minutes: the first two tables for the machi
 _SPLIT = """
 *Computed* from a measured split: what the kernels of pair scores take (*by peak*) is multiplied by
 the ratio of the integer peaks, the rest (*by clock*) by that of the clocks. A core that does less
-in a cycle than this one takes longer. Sequences have 10 frames; *own length*: as by default, by
-information gain, which costs a pair score by the paper for each frame of the sequence. *Share of a
-core* is that of a camera of 30 Hz with 8 keyframes a second.
+in a cycle than this one takes longer. Sequences have 10 frames; *own length*: with the
+paper's choice of k, a pair score for each frame of the sequence, which the default no longer
+needs. *Share of a core* is that of a camera of 30 Hz with 8 keyframes a second.
 """
 _ADVICE = """
 ## On a robot

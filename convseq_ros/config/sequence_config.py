@@ -15,7 +15,8 @@ class SequenceConfig(Checked):
 
     fixed_length: int = parameter(
         0, 'Number of frames in every sequence; 0 chooses the length for each frame, as in the '
-        'paper.', unit='frames', low=0, high=100, dynamic=True,
+        'paper. The belief rule weighs frames instead.',
+        unit='frames', low=0, high=100, dynamic=True,
     )
     overlap_threshold: float = parameter(
         0.9, 'A sequence grows while its oldest and newest frame are at least this similar; IT in '
@@ -23,7 +24,8 @@ class SequenceConfig(Checked):
     )
     entropy_threshold: float = parameter(
         0.5, 'A sequence grows while its mean entropy, as a fraction of 8 bits, is at most this; '
-        'ET in the paper.', low=0.0, high=1.0, dynamic=True,
+        'the belief rule gives frames below it less weight; ET in the paper.',
+        low=0.0, high=1.0, dynamic=True,
     )
     min_length: int = parameter(
         2, 'Number of frames in the shortest sequence that is chosen.',

@@ -249,7 +249,7 @@ class Match:
     query_stamp_ns: int
     reason: Reason
     candidates: Candidates = ()  # best first; empty if the frame was skipped
-    sequence_length: int = 0  # number of frames matched together, k in the paper; 0 without any
+    sequence_length: int = 0  # k: number of frames on which the answer rests; 0 without any
     pairs_scored: int = 0  # number of image pairs compared for this frame
     confidence: float | None = None  # probability in [0, 1] that the best is right, if calibrated
     # Shift of the best candidate in pixels of the query image: rows, columns. With positive

@@ -206,3 +206,31 @@ def test_no_more_than_eight_are_rescored_and_none_twice():
         buffer.best_scores(1, np.arange(REFERENCES))
     assert len(matcher.rescored) == len(set(matcher.rescored))
     assert 8 <= len(matcher.rescored) < 16
+
+
+@pytest.mark.parametrize(
+    ('evidence', 'length'),  # newest first
+    [
+        ([5.0], 1),
+        ([0.0, 0.0, 0.0], 1),
+        ([9.0, 1.0, 0.0], 1),
+        ([8.9, 1.0, 0.1], 2),
+        ([1.0] * 10, 9),
+        ([0.0, 0.0, 4.0, 1.0], 4),
+        ([0.0, 0.0, 4.0, 0.4], 3),
+    ],
+)
+def test_k_is_how_many_of_the_newest_frames_carry_nine_tenths_of_the_evidence(evidence, length):
+    buffer = QueryBuffer(SimpleNamespace(extract=lambda _: None))
+    for one in reversed(evidence):
+        buffer.append(frame(informative=False), 3, 25)
+        buffer.add_evidence(one)
+    assert buffer.length == length
+
+
+def test_evidence_leaves_the_buffer_with_its_frame():
+    buffer = QueryBuffer(SimpleNamespace(extract=lambda _: None))
+    for one in (100.0, 1.0, 1.0):
+        buffer.append(frame(informative=False), 3, 2)
+        buffer.add_evidence(one)
+    assert buffer.length == 2

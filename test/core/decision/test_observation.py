@@ -5,7 +5,7 @@
 import math
 from types import SimpleNamespace
 
-from convseq_ros.config import Config
+from convseq_ros.config import Config, with_values
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.likelihood import COPIES
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
@@ -110,12 +110,14 @@ def scored(best=30, score=0.104, count=100, **more):
     return scores
 
 
-def looked(reference_map, buffer, masses=None, start=NONE, told=None, listed=None, usable=None):
+def looked(reference_map, buffer, masses=None, start=NONE, told=None, listed=None, usable=None,
+    config=None,
+):  # fmt: skip
     """Return an observation, and the log ratio of each place."""
     count = len(buffer.rows[0])
     coarse = Listed(range(count) if listed is None else listed, count)
     observer = Observer(coarse, Neighbourhood(reference_map), told or Told(), 40)
-    query = Query(Frame(0, None), buffer, usable or count, start, Config())
+    query = Query(Frame(0, None), buffer, usable or count, start, config or Config())
     seen = observer.observe(query, believing(masses))
     return seen, dict(zip(seen.places.tolist(), seen.log_ratios.tolist(), strict=True))
 
@@ -278,6 +280,24 @@ def test_an_image_that_shows_the_same_again_speaks_for_no_place_again(a_map):
     first, second = (looked(a_map(100), frame)[1] for frame in (new, again))
     assert first[30] > 1 and second[30] == 0
     assert second[60] == first[60] < 0
+
+
+@pytest.mark.parametrize(('entropy', 'share'), [(0.0, 0.0), (0.125, 0.25), (0.5, 1.0), (0.8, 1.0)])
+def test_an_image_below_the_threshold_of_entropy_says_less_for_places(a_map, entropy, share):
+    whole, less = (
+        looked(a_map(100), Shown(scored(), SHOWN, entropy=bits))[1] for bits in (1.0, entropy)
+    )
+    assert less[30] == pytest.approx(share * whole[30])
+    assert less[60] == whole[60] < 0
+
+
+def test_without_a_threshold_of_entropy_all_images_count_alike(a_map):
+    config = with_values(Config(), {'entropy_threshold': 0.0})
+    blank, full = (
+        looked(a_map(100), Shown(scored(), SHOWN, entropy=bits), config=config)[1]
+        for bits in (0.0, 1.0)
+    )
+    assert blank == full
 
 
 @settings(max_examples=100)
