@@ -51,6 +51,7 @@ NAMES = {
     'orb-bow': 'orb-bow',
     'orb-bow+vocabulary=DATA/road_1/images': 'orb-bow, words of another set',  # a street in no set
     'sift-vlad': 'sift-vlad',
+    'sift-vlad+rows=0': 'sift-vlad, images as they are',
     'seqslam': 'SeqSLAM',
     'cohog': 'CoHOG',
     'hog': 'HOG',

@@ -13,7 +13,7 @@ COUNT = 2000  # keypoints of an image at most, the strongest
 FEWEST = 12  # matches, and inliers, below which the result is 0; as in DLoopDetector
 _REPROJECTION_PX, _CONFIDENCE, _ITERATIONS = 2.0, 0.99, 500  # of RANSAC; as in DLoopDetector
 _SMALLEST_PX = 32  # smallest image side for ORB
-_ROWS = 480  # smaller images are enlarged to so many: ORB leaves out 31 px at each border
+ROWS = 480  # smaller images are enlarged to so many: ORB leaves out 31 px at each border
 _FAST_THRESHOLD = 7  # of ORB; ORB-SLAM's where the usual 20 finds too few
 _RATIO = 0.6  # maximum of nearest to second nearest distance; as in DLoopDetector
 
@@ -33,32 +33,36 @@ class Keypoints:
         return self.points_px.nbytes + self.descriptors.size
 
 
-Extract = Callable[[npt.NDArray[np.uint8]], Keypoints]
+Extract = Callable[..., Keypoints]  # of an image, and the `rows` that it is enlarged to
 
 
-def orb(gray: npt.NDArray[np.uint8]) -> Keypoints:
-    """Return the ORB keypoints (Rublee et al. 2011) of a grey image (H, W)."""
+def orb(gray: npt.NDArray[np.uint8], rows: int = ROWS) -> Keypoints:
+    """Return the ORB keypoints (Rublee et al. 2011) of a grey image (H, W), enlarged to `rows`."""
     if min(gray.shape) < _SMALLEST_PX:
         return _keypoints((), np.zeros((0, 32), np.uint8))
     detector = cv2.ORB.create(COUNT, fastThreshold=_FAST_THRESHOLD)
-    points, rows = detector.detectAndCompute(_enlarged(gray), None)
-    return _keypoints(points, np.zeros((0, 32), np.uint8) if rows is None else rows)
+    points, bits = detector.detectAndCompute(_enlarged(gray, rows), None)
+    return _keypoints(points, np.zeros((0, 32), np.uint8) if bits is None else bits)
 
 
-def root_sift(gray: npt.NDArray[np.uint8]) -> Keypoints:
-    """Return SIFT (Lowe 2004) as RootSIFT (Arandjelovic and Zisserman 2012) of an image (H, W)."""
-    points, rows = cv2.SIFT.create(COUNT).detectAndCompute(_enlarged(gray), None)
-    rows = np.zeros((0, 128), np.float32) if rows is None else rows
-    shares = rows / np.maximum(rows.sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
+def root_sift(gray: npt.NDArray[np.uint8], rows: int = ROWS) -> Keypoints:
+    """
+    Return SIFT (Lowe 2004) as RootSIFT (Arandjelovic and Zisserman 2012) of an image (H, W).
+
+    The image is enlarged to `rows`.
+    """
+    points, found = cv2.SIFT.create(COUNT).detectAndCompute(_enlarged(gray, rows), None)
+    found = np.zeros((0, 128), np.float32) if found is None else found
+    shares = found / np.maximum(found.sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
     return _keypoints(points, np.sqrt(shares, dtype=np.float32))
 
 
-def _enlarged(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """Return an image with at least 480 rows, in which keypoints are found, too."""
+def _enlarged(gray: npt.NDArray[np.uint8], least: int) -> npt.NDArray[np.uint8]:
+    """Return an image with at least so many rows, in which keypoints are found, too."""
     rows, columns = gray.shape
-    if not _SMALLEST_PX <= rows < _ROWS:
+    if not _SMALLEST_PX <= rows < least:
         return gray
-    size = round(columns * _ROWS / rows), _ROWS
+    size = round(columns * least / rows), least
     return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 

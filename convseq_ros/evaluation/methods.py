@@ -11,6 +11,7 @@ import re
 import time
 
 from convseq_ros.baselines import seqslam
+from convseq_ros.baselines.local_features import ROWS
 from convseq_ros.baselines.loop_detector import ALPHA
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
@@ -195,10 +196,11 @@ def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
     try:
         alpha = float(name.options.get('alpha', ALPHA))
+        rows = int(name.options.get('rows', ROWS))
     except ValueError:
-        raise ConfigError(f'method {name.label}: alpha is not a number') from None
+        raise ConfigError(f'method {name.label}: alpha or rows is not a number') from None
     vocabulary = name.options.get('vocabulary', '')
-    return peers.peer_scores(material, name.kind, alpha, vocabulary, config.reading)
+    return peers.peer_scores(material, name.kind, alpha, vocabulary, config.reading, rows)
 
 
 def read_scores(

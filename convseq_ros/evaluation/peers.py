@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from convseq_ros.baselines import local_features, vlad
-from convseq_ros.baselines.local_features import Extract, inliers, Keypoints
+from convseq_ros.baselines.local_features import Extract, inliers, Keypoints, ROWS
 from convseq_ros.baselines.loop_detector import CONSISTENT, detect, Detection
 from convseq_ros.baselines.vocabulary import bag_scores, Vocabulary
 from convseq_ros.config.reading_config import ReadingConfig
@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 Vector = npt.NDArray[np.float32]
-OPTIONS = 'alpha', 'vocabulary'
+OPTIONS = 'alpha', 'vocabulary', 'rows'
 _WORD_BYTES = 8  # of a bag, per word of the image: its number and its weight
 
 
@@ -55,17 +55,27 @@ _PEERS = {
 
 
 def peer_scores(
-    material: Material, kind: str, alpha: float, vocabulary: str, reading: ReadingConfig
+    material: Material,
+    kind: str,
+    alpha: float,
+    vocabulary: str,
+    reading: ReadingConfig,
+    image_rows: int = ROWS,
 ) -> PairScores:
-    """Return the scores of `orb-bow` (DBoW2) or `sift-vlad`, with DLoopDetector's decision."""
+    """
+    Return the scores of `orb-bow` (DBoW2) or `sift-vlad`, with DLoopDetector's decision.
+
+    Smaller images are enlarged to `image_rows` rows.
+    """
     peer = _PEERS[kind]
-    query, extract_ms = _extracted(material.query, peer.extract)
+    extract = partial(peer.extract, rows=image_rows)
+    query, extract_ms = _extracted(material.query, extract)
     reference = query
     if not material.data_set.online:
-        reference, _ = _extracted(material.reference, peer.extract)
+        reference, _ = _extracted(material.reference, extract)
     training = reference
     if vocabulary:
-        training, _ = _extracted(open_source(Path(vocabulary), '', reading), peer.extract)
+        training, _ = _extracted(open_source(Path(vocabulary), '', reading), extract)
     describe = peer.learn([keypoints.descriptors for keypoints in training])
     started = time.perf_counter()
     vectors = np.array([describe(keypoints.descriptors) for keypoints in query])
@@ -110,7 +120,9 @@ def matches_of(detections: Iterable[Detection], query: Drive, part: ReferenceMap
     return matches
 
 
-def _extracted(frames: Iterable[Frame], extract: Extract) -> tuple[list[Keypoints], float]:
+def _extracted(
+    frames: Iterable[Frame], extract: Callable[[npt.NDArray[np.uint8]], Keypoints]
+) -> tuple[list[Keypoints], float]:
     """Return the keypoints per frame, empty if unreadable, and the median time in ms."""
     keypoints, median_ms = described(frames, extract)
     empty = extract(np.zeros((1, 1), np.uint8))

@@ -112,7 +112,10 @@ def test_keypoints_that_moved_alike_are_inliers_and_others_are_not(random):
 
 def test_small_images_have_many_keypoints(random):
     """ORB leaves out 31 px at each border: of 120 rows half."""
-    assert len(orb(textured(random, (120, 160))).points_px) > 500
+    small = textured(random, (120, 160))
+    assert len(orb(small).points_px) > 500 > len(orb(small, rows=0).points_px)
+    points = [root_sift(small, rows=rows).points_px.max(axis=0) for rows in (0, 240)]
+    assert (points[0] < (160, 120)).all() and (points[1] > (160, 120)).all()
 
 
 def test_matches_are_mutual():

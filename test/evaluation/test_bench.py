@@ -256,8 +256,9 @@ def test_a_model_is_a_first_stage_of_the_recogniser(accuracy, tmp_path):
 
 def test_what_robots_run_decides_by_itself(accuracy):
     assert accuracy('orb-bow') is not None
-    with pytest.raises(ConvseqError, match='alpha is not a number'):
-        accuracy('sift-vlad+alpha=low')
+    for option in ('alpha', 'rows'):
+        with pytest.raises(ConvseqError, match='alpha or rows is not a number'):
+            accuracy(f'sift-vlad+{option}=low')
 
 
 # The released script resizes by OpenCV's INTER_LINEAR.
