@@ -39,9 +39,8 @@ make board                     # two minutes: the first two tables for the machi
 _SPLIT = """
 *Computed* from a measured split: what the kernels of pair scores take (*by peak*) is multiplied by
 the ratio of the integer peaks, the rest (*by clock*) by that of the clocks. A core that does less
-in a cycle than this one takes longer. Sequences have 10 frames; *own length*: with the
-paper's choice of k, a pair score for each frame of the sequence, which the default no longer
-needs. *Share of a core* is that of a camera of 30 Hz with 8 keyframes a second.
+in a cycle than this one takes longer. *Share of a core* is
+that of a camera of 30 Hz with 8 keyframes a second.
 """
 _ADVICE = """
 ## On a robot
@@ -85,10 +84,7 @@ def summary(measured: Mapping[str, Any]) -> list[list[list[str]]]:
     frames = [row for row in rows if row['part'] == 'frames' and row['side'] == 'whole']
     by_side = {(row['what'], row['side']): row['value'] for row in rows}
     here = (_value(rows, 'peak of a core, int8'), measured['about']['machine']['clock_ghz'])
-    first = [
-        ['frame', 'here, ms', 'own length, ms', 'by peak, ms', 'by clock, ms', 'pairs', 'GOP',
-         'at 142 GOP/s'],
-    ]  # fmt: skip
+    first = [['frame', 'here, ms', 'by peak, ms', 'by clock, ms', 'pairs', 'GOP', 'at 142 GOP/s']]
     second = [['processor class', 'GOP/s', 'GHz', 'places', 'ms', 'frames/s', 'share of a core']]
     for row in frames:
         split = [
@@ -97,8 +93,7 @@ def summary(measured: Mapping[str, Any]) -> list[list[list[str]]]:
         ]
         also = [by_side[row['what'], side] for side in ('pairs in full', 'operations')]
         at_142 = split[0] * here[0] / _ROBOT_PEAK + split[1] if here[0] else None
-        dynamic = by_side[row['what'], 'with a length by information gain']
-        numbers = [row['value'], dynamic, *split, *also]
+        numbers = [row['value'], *split, *also]
         first.append([row['what'], *map(number, numbers), _text(at_142, ' ms')])
     idle_ms = _value(rows, 'between', between.BY_SCENE) or 0.0
     machines = {'this machine': here} | ROBOTS

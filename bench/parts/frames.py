@@ -17,7 +17,7 @@ import time
 from typing import Any
 from unittest.mock import patch
 
-from convseq_ros.config import Config, MatchingConfig, SequenceConfig
+from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core import recognizer
 from convseq_ros.core.compiled import available, library
 from convseq_ros.core.decision.belief import Belief, MotionModel
@@ -66,8 +66,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
 }
 BY_PEAK = ('pair scores',)  # the stages whose time scales with the integer peak
 REST = 'the rest'
-LENGTH = 10
-_WARM_FRAMES = max(LENGTH + 5, OBSERVED.first_frames)  # after these, fewer places are scored
+_WARM_FRAMES = OBSERVED.first_frames  # after these, fewer places are scored
 _ROUNDS = 60
 _TOLERANCE = 2
 _PERIOD_NS = 100_000_000
@@ -79,11 +78,8 @@ _WANTED = {1_000: 0.9, 10_000: 1.0, 100_000: 1.2}  # times that, by places
 class Drive:
     """Feeds a recogniser frame by frame."""
 
-    def __init__(
-        self, work: Work, size: int, search: str = 'shortlist', length: int = LENGTH
-    ) -> None:
-        chosen = MatchingConfig(search=search, threads=work.threads)
-        config = Config(matching=chosen, sequence=SequenceConfig(fixed_length=length))
+    def __init__(self, work: Work, size: int, search: str = 'shortlist') -> None:
+        config = Config(matching=MatchingConfig(search=search, threads=work.threads))
         read_into_file_cache(work.map_path(size))
         self._recognizer = PlaceRecognizer(open_map(work.map_path(size)), config)
         self._recognizer.matcher.warm_up()
@@ -143,9 +139,6 @@ def _frames(work: Work, size: int, ideal_ms: float | None) -> list[Finding]:
     took_ms = [drive.frame_ms() for _ in range(rounds)]
     low, median, high = (float(one) for one in np.percentile(took_ms, (25, 50, 75)))
     matches, right, rough = [*drive.matches], drive.right, drive.rough_pairs / rounds
-    dynamic = Drive(work, size, length=0)
-    dynamic.warm_up()
-    dynamic_ms = float(np.median([dynamic.frame_ms() for _ in range(rounds)]))
     with _watched() as spent_s:
         total_ms = float(np.mean([drive.frame_ms() for _ in range(rounds)]))
     stages_ms = {stage: 1e3 * spent_s[stage] / rounds for stage in STAGES}
@@ -164,7 +157,6 @@ def _frames(work: Work, size: int, ideal_ms: float | None) -> list[Finding]:
         note=f'{drive.kernel}; {right} of {len(matches)} right',
     )  # fmt: skip
     split = {
-        'with a length by information gain': (dynamic_ms, 'ms'),
         'operations': (operations, 'GOP'),
         'pairs in full': (pairs, 'pairs'),
         'rough pairs': (rough, 'pairs'),

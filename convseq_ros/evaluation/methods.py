@@ -194,11 +194,14 @@ def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
 
 
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
-    try:
-        alpha = float(name.options.get('alpha', ALPHA))
-        rows = int(name.options.get('rows', ROWS))
-    except ValueError:
-        raise ConfigError(f'method {name.label}: alpha or rows is not a number') from None
+    def option(kind: type[int] | type[float], key: str, default: float) -> float:
+        text = name.options.get(key, str(default))
+        try:
+            return kind(text)
+        except ValueError:
+            raise ConfigError(f'method {name.label}: {key} is not a number: {text!r}') from None
+
+    alpha, rows = option(float, 'alpha', ALPHA), int(option(int, 'rows', ROWS))
     vocabulary = name.options.get('vocabulary', '')
     return peers.peer_scores(material, name.kind, alpha, vocabulary, config.reading, rows)
 

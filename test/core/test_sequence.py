@@ -225,7 +225,7 @@ def test_k_is_how_many_of_the_newest_frames_carry_nine_tenths_of_the_evidence(ev
     for one in reversed(evidence):
         buffer.append(frame(informative=False), 3, 25)
         buffer.add_evidence(one)
-    assert buffer.length == length
+    assert buffer.evidence_length == length
 
 
 def test_evidence_leaves_the_buffer_with_its_frame():
@@ -233,4 +233,4 @@ def test_evidence_leaves_the_buffer_with_its_frame():
     for one in (100.0, 1.0, 1.0):
         buffer.append(frame(informative=False), 3, 2)
         buffer.add_evidence(one)
-    assert buffer.length == 2
+    assert buffer.evidence_length == 2

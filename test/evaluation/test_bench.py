@@ -257,7 +257,7 @@ def test_a_model_is_a_first_stage_of_the_recogniser(accuracy, tmp_path):
 def test_what_robots_run_decides_by_itself(accuracy):
     assert accuracy('orb-bow') is not None
     for option in ('alpha', 'rows'):
-        with pytest.raises(ConvseqError, match='alpha or rows is not a number'):
+        with pytest.raises(ConvseqError, match=f"{option} is not a number: 'low'"):
             accuracy(f'sift-vlad+{option}=low')
 
 

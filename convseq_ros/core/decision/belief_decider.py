@@ -96,7 +96,7 @@ class BeliefDecider:
 
     def _answer(self, query: Query, observed: Observation) -> Answer:
         belief, config = self._belief, query.config.acceptance
-        length = query.buffer.length
+        length = query.buffer.evidence_length
         if not len(belief.places):
             return Answer(Reason.WEAK, (), length, 0.0)
         best = int(belief.places[belief.mass.argmax()])
@@ -154,7 +154,7 @@ class BeliefDecider:
 
     def _score(self, index: int, query: Query) -> float:
         """Return the mean of the pair scores along the diagonal that ends at a place."""
-        rows = query.buffer.rows[: query.buffer.length]
+        rows = query.buffer.rows[: query.buffer.evidence_length]
         velocity = self._belief.velocity(index)
         first, end = self._map.bounds.span(index)
         met = zip(rows, diagonal(len(rows), velocity or 1e-9), strict=True)

@@ -155,8 +155,8 @@ class QueryBuffer:
         self.frames[0] = replace(self.frames[0], evidence=evidence)
 
     @property
-    def length(self) -> int:
-        """The number k of the newest frames that carry nine tenths of the buffer's evidence."""
+    def evidence_length(self) -> int:
+        """How many of the newest frames, k, carry nine tenths of the buffer's evidence."""
         carried = np.cumsum([frame.evidence for frame in self.frames])
         return 1 + int(np.searchsorted(carried, BUFFER.carried * carried[-1]))
 
