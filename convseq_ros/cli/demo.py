@@ -130,11 +130,11 @@ def _column(rows: Rows, truth: Numbers) -> dict[str, str]:
     return {
         'frames': str(len(rows)),
         'frames dropped': str(len(truth) - len(rows)),
-        'matched (sequence long enough)': str(len(matched)),
+        'with a best match': str(len(matched)),
         f'best match within +-{TOLERANCE}': _share(matched, truth),
         'accepted': str(len(accepted)),
         f'accepted match within +-{TOLERANCE}': _share(accepted, truth),
-        'sequence length k': (
+        'k: frames with the evidence': (
             f'{statistics.fmean(lengths):.1f} ({min(lengths)}-{max(lengths)})' if lengths else '-'
         ),
         'ms per frame (median)': f'{statistics.median(durations):.0f}' if durations else '-',
