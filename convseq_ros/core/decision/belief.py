@@ -14,6 +14,7 @@ Sources: Hansen and Browning 2014 (SeqSLAM as a hidden Markov model); Xu, Suende
 import math
 
 from convseq_ros.core.decision.likelihood import COPIES
+from convseq_ros.core.decision.odometer import Odometer
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix
 from convseq_ros.core.types import constants, Doubles, Indices, Pose
@@ -62,10 +63,9 @@ class MotionModel:
         self.reset()
 
     def reset(self) -> None:
-        self._pose: Pose | None = None
-        self._total_m, self._ways = 0.0, 0  # of the drive: distance by odometry, number of steps
+        self._odometer = Odometer()
         # Distance from the last keyframe, negative in reverse gear; None without odometry.
-        self._way_m: float | None = None
+        self._driven_m: float | None = None
         self._keyframes = 1.0
 
     def move(self, pose: Pose | None, missing: int, novelty: float = 1.0) -> None:
@@ -74,17 +74,15 @@ class MotionModel:
 
         `novelty` in [0, 1] is how new the image is: it scales the motion if there is no odometry.
         """
-        self._way_m, self._keyframes = None, missing + novelty
-        if pose is not None and self._pose is not None:
-            before, now = matrix(self._pose), np.array(pose.position)
-            ahead_m = float((now - before[:3, 3]) @ before[:3, 0])
-            self._way_m = math.copysign(math.dist(now, before[:3, 3]), ahead_m)
-            self._total_m, self._ways = self._total_m + abs(self._way_m), self._ways + 1
-        self._pose = pose
+        self._driven_m, self._keyframes = None, missing + novelty
+        if pose is None:
+            self.forget_pose()
+        else:
+            self._driven_m = self._odometer.move(matrix(pose))
 
     def forget_pose(self) -> None:
-        """Forget the last pose: the way to the next one is unknown."""
-        self._pose = None
+        """Forget the last pose: the step to the next one is unknown."""
+        self._odometer.forget_pose()
 
     def moved(self, places: Indices) -> tuple[Doubles, Doubles]:
         """
@@ -92,24 +90,24 @@ class MotionModel:
 
         Both are in places, as indices of the map. A result may lie beyond the end of its session.
         """
-        pace = self._keyframes
-        if self._way_m is not None and self._total_m > 0:
-            pace = self._way_m * self._ways / self._total_m
+        pace, driven_m = self._keyframes, self._driven_m
+        if driven_m is not None and self._odometer.distance_m > 0:
+            pace = driven_m * self._odometer.steps / self._odometer.distance_m
         moved = places + pace * self.velocities[:, None]
-        if self._way_m is not None:
+        if driven_m is not None:
             forwards = self.velocities >= 0
             for column, place in enumerate(places.tolist()):
-                for rows, way_m in ((forwards, self._way_m), (~forwards, -self._way_m)):
-                    if (end := self._along(place, way_m)) is not None:
+                for rows, distance_m in ((forwards, driven_m), (~forwards, -driven_m)):
+                    if (end := self._along(place, distance_m)) is not None:
                         moved[rows, column] = end
         sigmas = BELIEF.sigma_places + self._way_error * abs(moved - places)
         return moved, sigmas
 
-    def _along(self, place: int, way_m: float) -> float | None:
+    def _along(self, place: int, distance_m: float) -> float | None:
         """Return the place at a distance along the session; None if a pose is missing."""
         first, end = self._map.bounds.span(place)
         end = min(end, len(self._map))
-        at, left_m, step_m, direction = place, abs(way_m), 0.0, 1 if way_m > 0 else -1
+        at, left_m, step_m, direction = place, abs(distance_m), 0.0, 1 if distance_m > 0 else -1
         while first <= at + direction < end:
             next_m = self._step_m(min(at, at + direction))
             if next_m is None:

@@ -8,12 +8,13 @@ Drift counts from the last match, one for each coordinate frame of the map; see 
 
 from array import array
 from bisect import bisect_left
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import math
 
 from convseq_ros.config import RobotConfig
+from convseq_ros.core.decision.odometer import Odometer
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.rigid import angle, inverse, Matrix, matrix
+from convseq_ros.core.rigid import inverse, Matrix, matrix
 from convseq_ros.core.types import constants, Doubles, Indices, Pose
 import numpy as np
 
@@ -36,44 +37,28 @@ class Fix:
     by: int = 0  # id of the camera's prior that made the match
 
 
-@dataclass(eq=False, slots=True)
-class Travelled:
-    """The travelled distance, the sum of turns and the last matches, of all cameras of a robot."""
-
-    last: Matrix | None = None  # (4, 4), the last odometry pose
-    distance_m: float = 0.0
-    turn_rad: float = 0.0
-    fixes: dict[str, Fix] = field(default_factory=dict)  # the last match by coordinate frame
-
-    def move(self, here: Matrix) -> None:
-        last = here if self.last is None else self.last
-        self.distance_m += float(np.linalg.norm(here[:3, 3] - last[:3, 3]))
-        self.turn_rad += angle(last[:3, :3].T @ here[:3, :3])
-        self.last = here
-
-
 class OdometryPrior:
     """Compares places with odometry; in a map that `grows` it stores 24 bytes per keyframe."""
 
     def __init__(self, reference_map: ReferenceMap, config: RobotConfig, grows: bool) -> None:
         self._map, self._config, self._grows = reference_map, config, grows
-        self._travelled = Travelled()
+        self._odometer = Odometer()  # both are shared by all cameras of a robot
+        self._fixes = dict[str, Fix]()  # the last match, by coordinate frame
         self.reset()
 
     def use_matches_of(self, other: 'OdometryPrior') -> None:
         """Share the matches of another camera of the same base."""
-        self._travelled = other._travelled
+        self._odometer, self._fixes = other._odometer, other._fixes
 
     def reset(self) -> None:
         self._here: Matrix | None = None
-        self._travelled.last, self._travelled.distance_m, self._travelled.turn_rad = None, 0.0, 0.0
-        self._travelled.fixes.clear()
-        self._stamps, self._distances_m, self._turns_rad = array('q'), array('d'), array('d')
+        self._odometer.reset()
+        self.forget_poses()
 
     def forget_poses(self) -> None:
         """Forget matches and poses so far: odometry has jumped to other coordinates."""
-        self._travelled.last = None
-        self._travelled.fixes.clear()
+        self._odometer.forget_pose()
+        self._fixes.clear()
         self._stamps, self._distances_m, self._turns_rad = array('q'), array('d'), array('d')
 
     def move(self, stamp_ns: int, pose: Pose | None) -> None:
@@ -81,11 +66,11 @@ class OdometryPrior:
         self._here = None if pose is None else matrix(pose)
         if self._here is None:
             return
-        self._travelled.move(self._here)
+        self._odometer.move(self._here)
         if self._grows:
             self._stamps.append(stamp_ns)
-            self._distances_m.append(self._travelled.distance_m)
-            self._turns_rad.append(self._travelled.turn_rad)
+            self._distances_m.append(self._odometer.distance_m)
+            self._turns_rad.append(self._odometer.turn_rad)
 
     def entry_prior(self, places: Indices, session_start: int) -> Doubles:
         """Return the share (n,), in [0, 1], of mass that odometry allows to enter each place."""
@@ -101,7 +86,7 @@ class OdometryPrior:
 
     def is_denied(self, place: int, session_start: int) -> bool:
         """Return whether the match of another camera and odometry rule out a place."""
-        fix = self._travelled.fixes.get(self._frame(place))
+        fix = self._fixes.get(self._frame(place))
         is_other = fix is not None and fix.by != id(self)
         return is_other and self.implausible_m(place, session_start) is not None
 
@@ -111,8 +96,8 @@ class OdometryPrior:
         if self._here is None or pose is None:
             return
         link = matrix(pose) @ inverse(self._here)
-        self._travelled.fixes[self._frame(place)] = Fix(
-            link, self._travelled.distance_m, self._travelled.turn_rad, id(self)
+        self._fixes[self._frame(place)] = Fix(
+            link, self._odometer.distance_m, self._odometer.turn_rad, id(self)
         )
 
     def _off(self, place: int, session_start: int) -> tuple[float, float] | None:
@@ -121,13 +106,13 @@ class OdometryPrior:
         if self._here is None or position is None or not self._config.odometry_way_error:
             return None
         initial = self._initial_fix(place) if place >= session_start else None
-        if (fix := self._travelled.fixes.get(self._frame(place)) or initial) is None:
+        if (fix := self._fixes.get(self._frame(place)) or initial) is None:
             return None
         here = fix.map_odometry[:3, :3] @ self._here[:3, 3] + fix.map_odometry[:3, 3]
         off_m = math.dist(here, position) - self._slack_m(place)
-        turn_rad = min(self._travelled.turn_rad - fix.turn_rad, math.tau)
+        turn_rad = min(self._odometer.turn_rad - fix.turn_rad, math.tau)
         share = self._config.odometry_way_error + self._config.odometry_turn_error * turn_rad
-        drift_m = share * (self._travelled.distance_m - fix.distance_m)
+        drift_m = share * (self._odometer.distance_m - fix.distance_m)
         # The bounds of the drift are two sigmas.
         return 2 * max(0.0, off_m) / max(drift_m, 1e-3), off_m - drift_m
 
