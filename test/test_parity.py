@@ -18,6 +18,7 @@ from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import with_first_stage
+from convseq_ros.core.encoding.view import masked
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -26,6 +27,7 @@ from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.types import Frame
+from convseq_ros.io.mask_file import read_mask
 from convseq_ros.io.results import read_results, ResultWriter
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources import open_source
@@ -64,7 +66,7 @@ def encoding(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def map_path(drive, encoding, tmp_path_factory):
-    reference_map = ReferenceMap(encoding, keyframes=EVERY_FRAME)
+    reference_map = ReferenceMap(configured(encoding).encoding, keyframes=EVERY_FRAME)
     for index, gray in enumerate(drive):
         upright = cv2.rotate(cv2.GaussianBlur(gray, (3, 3), 0), cv2.ROTATE_180)
         cells = describe(upright, reference_map.encoding).cells
@@ -90,8 +92,14 @@ def recording(drive, tmp_path_factory):
     return recordings.write_recording(folder, 'mcap folder', rows)
 
 
-def answers_of_the_core(recording, map_path, encoding, path, topics):
+def configured(encoding):
+    """Return a configuration whose mask is read."""
     config = Config(encoding=encoding)
+    return masked(config, read_mask(config))
+
+
+def answers_of_the_core(recording, map_path, encoding, path, topics):
+    config = configured(encoding)
     model = open_model(config)
     config = with_first_stage(config, model)
     source = open_source(recording, reading=config.reading)
@@ -176,7 +184,7 @@ def test_the_live_node_answers_as_the_core(recording, map_path, encoding, tmp_pa
 def test_a_live_node_with_a_model_answers_as_the_core(recording, drive, encoding, tmp_path):
     made(tmp_path / 'net.onnx', 'random')
     encoding = replace(encoding, descriptor_model=str(tmp_path / 'net.onnx'))
-    config = Config(encoding=encoding, keyframes=EVERY_FRAME)
+    config = replace(configured(encoding), keyframes=EVERY_FRAME)
     frames = [
         Frame((index + 1) * STEP_NS, cv2.GaussianBlur(gray, (3, 3), 0))
         for index, gray in enumerate(drive)

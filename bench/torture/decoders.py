@@ -12,14 +12,15 @@ import tempfile
 from typing import NamedTuple
 
 from convseq_ros.cli.options import read_parameter_file
-from convseq_ros.config import EncodingConfig
-from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.config import Config, EncodingConfig
+from convseq_ros.core.encoding.view import masked
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.evaluation.data_set import read_data_set
 from convseq_ros.evaluation.report.shown import read_runs
 from convseq_ros.evaluation.truth import read_pairs, read_positions
+from convseq_ros.io.mask_file import read_mask
 from convseq_ros.io.results import read_results
 from convseq_ros.sources import open_source
 from convseq_ros.sources.camera_info import camera_from_info, read_camera_file
@@ -67,10 +68,7 @@ def decoders() -> dict[str, Decoder]:
     return by_name | {
         'map': Decoder([_map()], _in_file('map.db', _read_map)),
         'log of a map': Decoder([_ahead()[1]], _map_and_log),
-        'image mask': Decoder(
-            [corpus.pictures()['png'][1]],
-            _in_file('m.png', lambda path: with_mask_read(EncodingConfig(image_mask=str(path)))),
-        ),
+        'image mask': Decoder([corpus.pictures()['png'][1]], _in_file('m.png', _mask)),
         'parameter file': Decoder([_PARAMETERS], _in_file('my.yaml', read_parameter_file)),
         'data set': Decoder(
             [_DATA_SET], _in_file('set.yaml', lambda path: read_data_set(path, path.parent))
@@ -105,6 +103,11 @@ def _in_file(name: str, read: Callable[[Path], object]) -> Callable[[bytes, Path
         return read(folder / name)
 
     return decode
+
+
+def _mask(path: Path) -> Config:
+    config = Config(encoding=EncodingConfig(image_mask=str(path)))
+    return masked(config, read_mask(config))
 
 
 def _recording(name: str, data: bytes, folder: Path) -> None:

@@ -4,7 +4,7 @@
 
 import argparse
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import chain
 import json
 from pathlib import Path
@@ -37,9 +37,10 @@ from convseq_ros.config.parameter import add_parameters, given, Parameter, param
 from convseq_ros.config.reading_config import chosen_reading, ReadingConfig
 from convseq_ros.core.cameras import of_camera
 from convseq_ros.core.encoding.first_stage import with_first_stage
-from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.core.encoding.view import masked
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import ConfigError, printable, SourceError
+from convseq_ros.io.mask_file import read_mask
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources import open_each_camera, recordings_in, Source
 
@@ -98,7 +99,7 @@ def chosen_settings(chosen: argparse.Namespace) -> Config:
         file = read_parameter_file(chosen.config, chosen_reading(chosen))
         values = {name: file[name] for name in names if name in file} | values
     config = make_config(values)
-    return replace(config, encoding=with_mask_read(config.encoding, config.reading))
+    return masked(config, read_mask(config))
 
 
 def run(chosen: argparse.Namespace) -> int:

@@ -5,7 +5,6 @@
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 import shlex
 import sys
@@ -16,10 +15,11 @@ from convseq_ros.config.arguments import local
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import add_parameters, given, parameters, refuse_unknown, Value
 from convseq_ros.config.reading_config import chosen_reading, ReadingConfig
-from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.core.encoding.view import masked
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.errors import ConfigError, MapError, printable
 from convseq_ros.io.files import read_yaml
+from convseq_ros.io.mask_file import read_mask
 from convseq_ros.sources.mount import Tf
 
 Item = TypeVar('Item')
@@ -95,7 +95,7 @@ def chosen_config(
     reading = chosen_reading(chosen)
     values = read_parameter_file(chosen.config, reading) if chosen.config else {}
     config = make_config({**(otherwise or {}), **values, **given(chosen, core_parameters())})
-    return replace(config, encoding=with_mask_read(config.encoding, config.reading))
+    return masked(config, read_mask(config))
 
 
 def read_parameter_file(path: Path, reading: ReadingConfig = ReadingConfig()) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
-from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -43,7 +42,7 @@ class Pipeline:
         self.is_growing = config.online.grows
         self.is_persisted = path is not None and self.is_growing  # places are added to a file
         self._problem = ''  # why places of the map have more than `max_looks` looks
-        encoding = with_mask_read(config.encoding, config.reading)
+        encoding = config.encoding
         if path and self.is_growing:
             max_looks = config.online.max_looks
             settings = path, encoding, config.keyframes, None if make else True, True, max_looks

@@ -5,7 +5,7 @@
 from contextlib import suppress
 from pathlib import Path
 
-from convseq_ros.config.reading_config import ReadingConfig
+from convseq_ros.config import Config
 from convseq_ros.errors import ConfigError, ImageError, SourceError
 from convseq_ros.io.picture_header import declared_size, refuse_large
 from convseq_ros.io.regular_file import read_bytes
@@ -14,13 +14,20 @@ import numpy as np
 import numpy.typing as npt
 
 
-def read_mask(path: Path, reading: ReadingConfig) -> npt.NDArray[np.uint8]:
-    """Return a mask as a grey image (H, W); ConfigError if it is no picture, or too large."""
+def read_mask(config: Config) -> npt.NDArray[np.uint8] | None:
+    """
+    Return the grey image (H, W) that `image_mask` names; None if it names none, or it was read.
+
+    ConfigError if it is no picture, or larger than what may be read.
+    """
+    path, reading = config.encoding.image_mask, config.reading
+    if not path or path.startswith('#'):
+        return None
     try:
-        data = read_bytes(path, 'a picture', reading.refuse_file)
+        data = read_bytes(Path(path), 'a picture', reading.refuse_file)
         size, picture = declared_size(data), None
         if size:
-            refuse_large(size, reading, str(path))
+            refuse_large(size, reading, path)
     except (ImageError, SourceError) as error:
         raise ConfigError(f'image_mask: {error}') from None
     if size:

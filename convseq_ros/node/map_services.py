@@ -11,13 +11,11 @@ from pathlib import Path
 import time
 from typing import TypeVar
 
-from convseq_ros.config import Config
 from convseq_ros.config.arguments import local
 from convseq_ros.core.map.format import is_map_or_empty
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import MapError, one_line, with_traceback
-from convseq_ros.models.onnx_model import open_model
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.topics import SERVICE_QOS
 from convseq_ros.node.worker import Background, fulfil, Worker
@@ -40,14 +38,14 @@ class MapServices:
         node: Node,
         worker: Worker[Arrival],
         recognition: Recognition,
-        config: Callable[[], Config],
+        open_session: Callable[[Path, bool], Pipeline],
         save_path: str,
     ) -> None:
         self.save_path = save_path
         self._logger = node.get_logger()
         self._worker = worker
         self._recognition = recognition
-        self._config = config
+        self._open_session = open_session
         self._background = Background()
         # A separate group, so that images and other services are served while a map is opened.
         group = MutuallyExclusiveCallbackGroup()
@@ -102,10 +100,7 @@ class MapServices:
         present = self._recognition.session
         if present.is_persisted and path.exists() and path.samefile(present.path or ''):
             raise MapError(f'{path}: is already the map in use, and grows; name another')
-        sources = [*present.cameras.recognizers]
-        config = self._config()
-        model = open_model(config)
-        session = Pipeline(path, config, make=False, sources=sources, describe=model)
+        session = self._open_session(path, False)
         for line in session.ignored:
             self._logger.warning(line)
         try:

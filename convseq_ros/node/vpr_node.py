@@ -17,10 +17,12 @@ if __name__ == '__main__':
 
 from convseq_ros.config import Config
 from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.core.encoding.view import masked
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError, one_line
+from convseq_ros.io.mask_file import read_mask
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.node.diagnostics import Diagnostics, Situation, Statistics
 from convseq_ros.node.frame_context import FrameContext
@@ -116,7 +118,7 @@ class VprNode(ManagedNode):
             at_end=self._recognition.close,
         )
         self._maps = MapServices(
-            self, self._worker, self._recognition, lambda: self._config, config.save_map_path
+            self, self._worker, self._recognition, self._open_session, config.save_map_path
         )
         self.create_service(Trigger, '~/reset', self._on_reset, qos_profile=SERVICE_QOS)
         self.create_service(
@@ -191,9 +193,9 @@ class VprNode(ManagedNode):
             if self._is_open and self.context.ok():
                 raise
 
-    def _open_session(self, path: Path | None) -> Pipeline:
-        describe = open_model(self._config)
-        return Pipeline(path, self._config, sources=self._chosen, describe=describe)
+    def _open_session(self, path: Path | None, make: bool = True) -> Pipeline:
+        config = masked(self._config, read_mask(self._config))
+        return Pipeline(path, config, make, self._chosen, open_model(config))
 
     def _on_found(self, change: Change) -> None:
         self._worker.between_items(partial(self._follow, change))

@@ -16,9 +16,10 @@ from convseq_ros.core.encoding.descriptor import (
     salient_regions,
     visible_cells,
 )
-from convseq_ros.core.encoding.view import upright, with_mask_read
+from convseq_ros.core.encoding.view import masked, upright
 from convseq_ros.core.types import Camera, Frame
 from convseq_ros.errors import ConfigError, MapError
+from convseq_ros.io.mask_file import read_mask
 import cv2
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -191,6 +192,12 @@ def mask(tmp_path):
     return str(path)
 
 
+def with_mask(path):
+    """Return a configuration with a mask, which is read."""
+    config = Config(encoding=EncodingConfig(image_mask=str(path)))
+    return masked(config, read_mask(config))
+
+
 def bonnet(gray, seed):
     """Return an image whose lower half is a robot that looks otherwise each time."""
     hidden = gray.copy()
@@ -199,7 +206,7 @@ def bonnet(gray, seed):
 
 
 def test_hidden_parts_of_an_image_do_not_change_its_descriptor(image, mask):
-    encoding = with_mask_read(EncodingConfig(image_mask=mask))
+    encoding = with_mask(mask).encoding
     one, other = (describe(bonnet(image(3), seed), encoding) for seed in (1, 2))
     assert np.array_equal(one.cells, other.cells)
     seen = visible_cells(encoding.image_mask, 32)
@@ -224,7 +231,20 @@ def test_a_mask_that_shows_nothing_is_refused_in_one_line(tmp_path, kind):
     elif kind == 'folder':
         path.mkdir()
     with pytest.raises(ConfigError, match=r'image_mask: .*mask\.png[: ][^\n]*$'):
-        build_map([], config=Config(encoding=EncodingConfig(image_mask=str(path))))
+        with_mask(path)
+
+
+def test_the_core_opens_no_mask(image, mask, tmp_path):
+    encoding = EncodingConfig(image_mask=mask)
+    build_map([Frame(1, image(1))], tmp_path / 'map.db')
+    for use in (
+        lambda: build_map([], config=Config(encoding=encoding)),
+        lambda: build_map([], tmp_path / 'new.db', Config(encoding=encoding)),
+        lambda: open_map(tmp_path / 'map.db', encoding),
+    ):
+        with pytest.raises(ConfigError, match=r'image_mask: .*mask\.png is a file; read it'):
+            use()
+    assert not (tmp_path / 'new.db').exists()
 
 
 def frames(image, **changes):
@@ -233,8 +253,7 @@ def frames(image, **changes):
 
 
 def test_a_map_keeps_its_mask_and_compares_it(image, mask, tmp_path):
-    config = Config(encoding=EncodingConfig(image_mask=mask))
-    build_map(frames(image), tmp_path / 'map.db', config)
+    build_map(frames(image), tmp_path / 'map.db', with_mask(mask))
     (tmp_path / 'mask.png').unlink()
     kept = open_map(tmp_path / 'map.db')
     assert not kept.cells(4)[15:].any()
@@ -246,7 +265,7 @@ def test_a_map_keeps_its_mask_and_compares_it(image, mask, tmp_path):
     picture[:, :20] = 0
     cv2.imwrite(str(tmp_path / 'other.png'), picture)
     with pytest.raises(MapError, match='made with another image_mask'):
-        open_map(tmp_path / 'map.db', EncodingConfig(image_mask=str(tmp_path / 'other.png')))
+        open_map(tmp_path / 'map.db', with_mask(tmp_path / 'other.png').encoding)
 
 
 def test_a_camera_turns_with_its_image():

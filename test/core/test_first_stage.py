@@ -6,6 +6,7 @@ from dataclasses import replace
 import sqlite3
 
 from convseq_ros.config import Config, EVERY_FRAME
+from convseq_ros.core.encoding.view import masked
 from convseq_ros.core.map.edit import joined, slices_of, write_new
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.reader import MapReader, open_map
@@ -223,13 +224,11 @@ def test_what_a_function_raises_comes_through(frames):
         build_map(frames(), None, CONFIG, describe=fails)
 
 
-def test_colour_reaches_who_wants_it_upright_and_masked(image, tmp_path):
+def test_colour_reaches_who_wants_it_upright_and_masked(image):
     mask = np.full((60, 80), 255, np.uint8)
     mask[:, :40] = 0
-    cv2.imwrite(str(tmp_path / 'mask.png'), mask)
-    asked = {'image_rotation_deg': 180, 'image_mask': str(tmp_path / 'mask.png')}
-    encoding = replace(CONFIG.encoding, **asked)
-    config, reddish = replace(CONFIG, encoding=encoding), Reddish()
+    encoding = replace(CONFIG.encoding, image_rotation_deg=180)
+    config, reddish = masked(replace(CONFIG, encoding=encoding), mask), Reddish()
     gray = image(1)
     color = np.stack([gray, gray // 2, gray // 3], axis=2)
     built = build_map([Frame(1, gray, color=color)], None, config, describe=reddish)

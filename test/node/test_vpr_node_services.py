@@ -5,7 +5,7 @@
 import os
 
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.node import map_services
+from convseq_ros.node import map_services, vpr_node
 from nav_msgs.srv import LoadMap
 import pytest
 from rcl_interfaces.srv import SetParameters
@@ -104,7 +104,7 @@ def test_what_nobody_foresaw_fails_the_service_and_not_the_node(
         raise ValueError('a surprise')
 
     monkeypatch.setattr(map_services, 'save_map', fail)
-    monkeypatch.setattr(map_services, 'Pipeline', fail)
+    monkeypatch.setattr(vpr_node, 'Pipeline', fail)
     assert client.call(Trigger, '/vpr_node/save_map').message == 'a surprise'
     answer = client.call(LoadMap, '/vpr_node/load_map', map_url=str(map_path))
     assert answer.result == LoadMap.Response.RESULT_INVALID_MAP_DATA

@@ -9,15 +9,15 @@ import re
 from types import SimpleNamespace
 
 from convseq_ros.cli.options import read_parameter_file
-from convseq_ros.config import EncodingConfig
+from convseq_ros.config import Config, EncodingConfig
 from convseq_ros.config.parameter import parameters
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.methods import read_descriptors, read_scores
 from convseq_ros.evaluation.run_folder import read_run
 from convseq_ros.evaluation.truth import read_pairs, read_positions
+from convseq_ros.io.mask_file import read_mask
 from convseq_ros.sources import open_source
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.images import image_pixels
@@ -49,6 +49,11 @@ def array_of(content):
 
 def picture(path):
     path.write_bytes(cv2.imencode('.png', IMAGE)[1].tobytes())
+
+
+def naming(mask, reading):
+    """Return a configuration with the path of a mask."""
+    return Config(encoding=EncodingConfig(image_mask=str(mask)), reading=reading)
 
 
 def folder_of_pictures(path):
@@ -85,7 +90,7 @@ WHOLE_FILES = {
     'scores': (array_of(np.ones((60, 60))), lambda p, r: read_scores(p, 60, 60, reading=r)),
     'descriptors': (array_of(np.ones((60, 60))), lambda p, r: read_descriptors(p, 60, r)),
     'results': (results, read_run),
-    'mask': (picture, lambda p, r: with_mask_read(EncodingConfig(image_mask=str(p)), r)),
+    'mask': (picture, lambda path, reading: read_mask(naming(path, reading))),
 }
 
 
@@ -123,7 +128,7 @@ def first_picture(folder, reading):
     'read',
     [
         first_picture,
-        lambda path, reading: with_mask_read(EncodingConfig(image_mask=f'{path}/1.png'), reading),
+        lambda path, reading: read_mask(naming(path / '1.png', reading)),
         lambda _, reading: image_pixels(
             SimpleNamespace(
                 height=512, width=512, encoding='mono8', step=512, is_bigendian=0, data=IMAGE

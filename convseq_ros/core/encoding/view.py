@@ -4,17 +4,14 @@
 
 from dataclasses import replace
 import math
-from pathlib import Path
 from typing import Any
 
-from convseq_ros.config import EncodingConfig, RobotConfig
-from convseq_ros.config.reading_config import ReadingConfig
+from convseq_ros.config import Config, EncodingConfig, RobotConfig
 from convseq_ros.core.encoding.descriptor import HOG
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
-from convseq_ros.core.types import Camera, Frame
+from convseq_ros.core.types import Camera, Frame, Gray
 from convseq_ros.errors import ConfigError
-from convseq_ros.io.mask_file import read_mask
 import cv2
 import numpy as np
 
@@ -63,20 +60,18 @@ def _distortion_turned_left(camera: Camera) -> tuple[float, ...]:
     return k1, k2, -p2, p1, *others
 
 
-def with_mask_read(
-    encoding: EncodingConfig, reading: ReadingConfig = ReadingConfig()
-) -> EncodingConfig:
+def masked(config: Config, picture: Gray | None) -> Config:
     """
-    Return an encoding whose mask is a bit per cell, as maps store it, instead of a file's path.
+    Return a configuration whose mask is a bit per cell, as maps store it, instead of a path.
 
-    A cell is visible if all of it, and 2 px around it, are white in the upright square image that
-    the mask is scaled to. A mask that hides nothing becomes empty. ConfigError if the file is not
-    a picture, or if it hides everything.
+    `picture`, (H, W), is what `io.mask_file.read_mask` reads; None changes nothing. A cell is
+    visible if all of it, and 2 px around it, are white in the upright square image that the
+    picture is scaled to. A mask that hides nothing becomes empty. ConfigError if it hides
+    everything.
     """
-    path = encoding.image_mask
-    if not path or path.startswith('#'):
-        return encoding
-    picture = read_mask(Path(path), reading)
+    if picture is None:
+        return config
+    encoding = config.encoding
     turned = np.rot90(picture, encoding.image_rotation_deg // 90)
     side = encoding.image_size_px
     square = cv2.resize(np.ascontiguousarray(turned), (side, side), interpolation=cv2.INTER_AREA)
@@ -85,6 +80,16 @@ def with_mask_read(
     visible = white.reshape(side // HOG.cell_px, HOG.cell_px, -1, HOG.cell_px).all(axis=(1, 3))
     regions = cv2.erode(visible.astype(np.uint8), np.ones((REGION.span,) * 2), borderValue=0)
     if not regions.any():
-        raise ConfigError(f'image_mask: {path} hides everything; white is what the camera sees')
+        hides = f'{encoding.image_mask} hides everything; white is what the camera sees'
+        raise ConfigError(f'image_mask: {hides}')
     stored = '' if visible.all() else f'#{np.packbits(visible).tobytes().hex()}'
-    return replace(encoding, image_mask=stored)
+    return replace(config, encoding=replace(encoding, image_mask=stored))
+
+
+def without_path(encoding: EncodingConfig) -> EncodingConfig:
+    """Return an encoding; ConfigError if its mask is still the path of a picture."""
+    if encoding.image_mask.startswith('#') or not encoding.image_mask:
+        return encoding
+    raise ConfigError(
+        f'image_mask: {encoding.image_mask} is a file; read it, and use `view.masked`'
+    )

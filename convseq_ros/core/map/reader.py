@@ -15,7 +15,7 @@ import weakref
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.first_stage import vector_length
-from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.core.encoding.view import without_path
 from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.crash_recovery import open_to_read
@@ -85,7 +85,7 @@ class MapReader:
             self._about = {name: value for name, value, _ in self._database.checked('about')}
             self.settings = Settings.from_rows(self._about)
         stored = self.settings.encoding
-        requested = with_mask_read(encoding or stored)
+        requested = without_path(encoding or stored)
         if reason := self.settings.mismatch(requested, keyframes):
             raise MapError(f'{path}: {reason}')
         kept = {name: getattr(stored, name) for name in ('image_mask', 'keeps_cells')}

@@ -13,7 +13,7 @@ from convseq_ros.core.encoding.descriptor import cell_shape, visible_cells
 from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.keypoints import BYTES, detect, StoredKeypoints
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
-from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.core.encoding.view import without_path
 from convseq_ros.core.graph.links import Links, SessionBounds
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.depth_coding import Depths, packed_depths, unpacked_depths
@@ -52,7 +52,7 @@ class ReferenceMap:
         map_id: str = '',
         sessions: Sequence[MapSession] = (),
     ) -> None:
-        self.encoding, self.keyframes = with_mask_read(encoding), keyframes
+        self.encoding, self.keyframes = without_path(encoding), keyframes
         self.map_id, self.sessions = map_id or str(uuid4()), [*sessions]
         self.cell_shape = cell_shape(encoding.image_size_px)
         self.places = Places(vector_length(encoding)) if places is None else places

@@ -12,7 +12,7 @@ from uuid import uuid4
 from convseq_ros import __version__
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.regions import global_descriptor as built_in
-from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.core.encoding.view import without_path
 from convseq_ros.core.graph.links import Row
 from convseq_ros.core.map.crash_recovery import EMPTY, open_to_write
 from convseq_ros.core.map.database import as_map_error, BESIDE, Database, MapLock
@@ -51,13 +51,14 @@ class MapWriter:
         append: bool | None = False,
         map_id: str = '',
     ) -> None:
+        encoding = without_path(encoding)
         self._path, self.linked = path, 0  # `linked`: rows of links of the source already written
         if append and not path.is_file():
             raise MapError(f'{path}: no such map to add to')
         with as_map_error(path):
             self._database = open_to_write(path)
             try:
-                settings = Settings(map_id or str(uuid4()), with_mask_read(encoding), keyframes)
+                settings = Settings(map_id or str(uuid4()), encoding, keyframes)
                 self.is_new = self._make(settings, append)
                 self.reader = MapReader(path, encoding, keyframes)
                 self._count = self.committed = len(self.reader)
