@@ -157,7 +157,7 @@ def test_a_vector_that_is_not_finite_is_refused(tmp_path):
     refused('holds NaN', model(tmp_path / 'm.onnx', operator='Log'))
 
 
-def test_a_vector_whose_size_changes_is_told(tmp_path):
+def test_a_vector_whose_size_changes_is_reported(tmp_path):
     nodes = [
         onnx.helper.make_node('NonZero', ['image'], ['where']),
         onnx.helper.make_node('Cast', ['where'], ['descriptor'], to=onnx.TensorProto.FLOAT),

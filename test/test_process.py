@@ -102,7 +102,7 @@ def test_they_are_found_where_they_are_installed(monkeypatch, tmp_path, module, 
 
 
 @pytest.mark.parametrize('program', ['convseq_ros.cli', 'convseq_ros.node'])
-def test_programs_have_one_thread_of_opencv_unless_they_are_told(program):
+def test_programs_have_one_thread_of_opencv_unless_they_are_reported(program):
     code = f'import {program}, cv2; print(cv2.getNumThreads())'
     for told, threads in ((None, 1), ('2', 2)):
         environment = {**os.environ, 'OPENCV_FOR_THREADS_NUM': told or ''}

@@ -118,7 +118,7 @@ def read_trajectory(path: Path) -> Truth:
 def error_m(estimate: Truth, truth: Truth) -> float:
     """Return the absolute trajectory error: RMSE of positions, x and y, after SE2 alignment."""
     stamps = sorted(estimate.keys() & truth.keys())
-    path, real = (np.array([way[at][:2] for at in stamps]) for way in (estimate, truth))
+    path, real = (np.array([one[at][:2] for at in stamps]) for one in (estimate, truth))
     return float(np.sqrt(np.mean(np.sum((_aligned(path, real) - real) ** 2, axis=1))))
 
 

@@ -89,7 +89,7 @@ class PlaceRecognizer:
         parts = reference_map, coarse, config
         self.decider: Decider = BeliefDecider(*parts) if config.believes else PaperDecider(*parts)
         if leader:
-            self.decider.share(leader.decider)
+            self.decider.use_matches_of(leader.decider)
         self._poses = RelativePoses(reference_map, self.matcher, config.reading)
         self._accepted_ns: int | None = None  # stamp of the newest accepted match
         self._order, self._links = order or StampOrder(), links

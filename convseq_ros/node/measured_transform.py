@@ -19,7 +19,7 @@ from rclpy.node import Node
 class DRIFT:
     """How the transform follows what is measured; engineering, not studied."""
 
-    of_way: float = 0.05  # standard deviation of odometry, as a share of the distance, ...
+    of_distance: float = 0.05  # standard deviation of odometry, as a share of the distance, ...
     rad_per_m: float = 0.005
     gate: float = 22.5  # squared error of a measurement, in variances: 99.9 % quantile, 6 numbers
     most_outside: int = 3  # measurements in a row after which the newest one is right
@@ -56,9 +56,9 @@ class MeasuredTransform:
             if self._moved is None or is_back or self._outside >= DRIFT.most_outside:
                 self._set(goal, base, noise)
                 return
-            way_m = math.dist(base[:3, 3], self._last[:3, 3])
-            grown = [(DRIFT.of_way * way_m) ** 2] * 3 + [(DRIFT.rad_per_m * way_m) ** 2] * 3
-            before = self._covariance + np.diag(grown)
+            distance_m = math.dist(base[:3, 3], self._last[:3, 3])
+            sigmas = distance_m * np.repeat((DRIFT.of_distance, DRIFT.rad_per_m), 3)
+            before = self._covariance + np.diag(sigmas**2)
             expected = self._moved @ base
             off = _difference(expected, goal)
             total = before + noise

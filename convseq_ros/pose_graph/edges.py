@@ -19,7 +19,7 @@ class EDGE:
     """Standard deviations of edges; chosen by experience, not tuned."""
 
     least_m: float = 0.02  # standard deviation of an odometry step: constant part, ...
-    of_way: float = 0.05  # ... and share of the distance
+    of_distance: float = 0.05  # ... and share of the distance
     least_rad: float = 0.01
     of_turn: float = 0.05  # share of the turn
     finest_m: float = 0.1  # added to each link, as errors of neighbouring links are correlated
@@ -47,8 +47,8 @@ def edges_of(poses: Poses, session: Sequence[int], links: Iterable[Link]) -> Ite
     for start, end in pairwise(poses):
         if session[start] == session[end]:
             moved = inverse(poses[start]) @ poses[end]
-            way_m, turn_rad = float(np.linalg.norm(moved[:3, 3])), angle(moved[:3, :3])
-            sigma_m = EDGE.least_m + EDGE.of_way * way_m
+            distance_m, turn_rad = float(np.linalg.norm(moved[:3, 3])), angle(moved[:3, :3])
+            sigma_m = EDGE.least_m + EDGE.of_distance * distance_m
             sigma_rad = EDGE.least_rad + EDGE.of_turn * turn_rad
             sigmas = np.array([sigma_m] * 3 + [sigma_rad] * 3)
             yield Edge(start, end, moved, np.diag(sigmas**2), False)

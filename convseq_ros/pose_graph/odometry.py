@@ -47,7 +47,7 @@ class Odometry:
         self._config = config
         self._raw = self._newest = self._last_keyframe = np.eye(4)
         self._is_passing = False  # whether the next pose replaces the newest one
-        self._way_m = self._lost_m2 = self._lost_rad2 = 0.0
+        self._distance_m = self._lost_m2 = self._lost_rad2 = 0.0
         self._told: tuple[float, float] | None = None  # variances of the last keyframe's message
 
     def is_anew(self, stamp_ns: int) -> bool:
@@ -66,7 +66,7 @@ class Odometry:
             self._bridge_reset(stamp_ns, raw)
         pose, self._raw = self.bridge @ raw, raw
         if self.poses:
-            self._way_m += math.dist(pose[:3, 3], self._newest[:3, 3])
+            self._distance_m += math.dist(pose[:3, 3], self._newest[:3, 3])
         if self._is_passing:
             del self.stamps[-1], self.poses[-1]
         self._newest = pose
@@ -99,8 +99,8 @@ class Odometry:
         variances = self._lost_m2, self._lost_rad2
         if self.spread:
             metres, radians = self._config.odometry_sigma_m, self._config.odometry_sigma_rad
-            way_m = max(0.1, self._way_m)
-            grown = metres**2 * way_m, radians**2 * way_m
+            distance_m = max(0.1, self._distance_m)
+            grown = metres**2 * distance_m, radians**2 * distance_m
             if told and self._told and told[0] > self._told[0] and told[1] > self._told[1]:
                 grown = told[0] - self._told[0], told[1] - self._told[1]
             metres2, radians2 = self.spread[-1]
@@ -108,7 +108,7 @@ class Odometry:
         self.spread.append(variances)
         self.keyframes.append(len(self.poses) - 1)
         self._last_keyframe, self._told = pose, told
-        self._way_m = self._lost_m2 = self._lost_rad2 = 0.0
+        self._distance_m = self._lost_m2 = self._lost_rad2 = 0.0
 
     def at(self, stamp_ns: int) -> Matrix | None:
         """Return the interpolated pose (4, 4) at a time; None if it is outside the drive."""

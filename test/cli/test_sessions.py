@@ -128,7 +128,7 @@ def test_a_session_is_removed(two, maps, run):
     assert code == 1 and 'nothing would be left' in said and held(two)
 
 
-def test_a_session_is_renamed_and_told(two, run):
+def test_a_session_is_renamed_and_reported(two, run):
     before = held(two)
     assert run('map', 'rename', two, '--session', '1', 'night, rain')[0] == 0
     assert held(two)[:3] == before[:3]

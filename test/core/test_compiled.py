@@ -35,7 +35,7 @@ def found_in(folder, monkeypatch, **environment):
     return compiled.library.__wrapped__()
 
 
-def test_without_a_library_the_remedy_is_told(tmp_path, monkeypatch):
+def test_without_a_library_the_remedy_is_reported(tmp_path, monkeypatch):
     found = found_in(tmp_path, monkeypatch)
     assert found.variant == '' and 'apt install gcc' in found.problem
 

@@ -209,8 +209,9 @@ def test_hidden_parts_of_an_image_do_not_change_its_descriptor(image, mask):
     encoding = with_mask(mask).encoding
     one, other = (describe(bonnet(image(3), seed), encoding) for seed in (1, 2))
     assert np.array_equal(one.cells, other.cells)
-    seen = visible_cells(encoding.image_mask, 32)
-    assert seen[:15].all() and not seen[15:].any()  # 2 px below the 16th row of cells are hidden
+    visible = visible_cells(encoding.image_mask, 32)
+    # 2 px below the 16th row of cells are hidden.
+    assert visible[:15].all() and not visible[15:].any()
     assert not one.cells[15:].any() and one.cells[:15].any(axis=-1).all()
     salient = one.salient.reshape(31, 31)
     assert salient[:14].any() and not salient[14:].any()

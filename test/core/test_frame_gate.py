@@ -242,7 +242,7 @@ def looking(gain=1.0):
     return glance((gain * RAMP).astype(np.uint8))
 
 
-def seen(apart):
+def edges(apart):
     """Return a glance that lies so far from that at 0."""
     shown = np.zeros((2, 48, 64), np.float32)
     angle = 2 * math.asin(apart / 2)
@@ -251,11 +251,11 @@ def seen(apart):
 
 
 def after(*apart, overlap=KeyframeConfig().keyframe_overlap):
-    """Return what has seen a far frame at 0, and then frames so far away that are near."""
+    """Return what has edges a far frame at 0, and then frames so far away that are near."""
     near = NearDuplicate(overlap)
-    near.note(seen(0.0), is_near=False)
+    near.note(edges(0.0), is_near=False)
     for each in apart:
-        near.note(seen(each), is_near=True)
+        near.note(edges(each), is_near=True)
     return near
 
 
@@ -269,18 +269,18 @@ def test_a_glance_is_the_same_in_a_dimmer_light_and_one_of_a_flat_image_says_not
 
 def test_frames_are_surely_near_within_a_distance_that_shrinks_with_the_spacing():
     near = after()
-    assert near.is_sure(seen(0.28)) and not near.is_sure(seen(0.3)) and not near.is_sure(None)
+    assert near.is_sure(edges(0.28)) and not near.is_sure(edges(0.3)) and not near.is_sure(None)
     half = (1 + KeyframeConfig().keyframe_overlap) / 2
     near = after(overlap=half)
-    assert near.is_sure(seen(0.14)) and not near.is_sure(seen(0.15))
+    assert near.is_sure(edges(0.14)) and not near.is_sure(edges(0.15))
     near.reset()
-    assert not near.is_sure(seen(0.0))
+    assert not near.is_sure(edges(0.0))
 
 
 def test_a_robot_that_stands_far_from_the_last_far_frame_is_tested_once_only():
     near = after(0.6)
-    assert near.is_sure(seen(0.55)) and not near.is_sure(seen(0.61))
-    assert not near.is_sure(seen(0.45))
+    assert near.is_sure(edges(0.55)) and not near.is_sure(edges(0.61))
+    assert not near.is_sure(edges(0.45))
 
 
 @cache

@@ -30,10 +30,10 @@ def view(numbers, row=15.0, column=15.0, zoom=1.0, side=SIDE):
     matrix = np.array([
         [zoom, 0, column + middle - zoom * middle], [0, zoom, row + middle - zoom * middle],
     ])  # fmt: skip
-    seen = cv2.warpAffine(
+    warped = cv2.warpAffine(
         numbers, matrix, (side, side), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     )
-    return packed_regions(unit(seen.reshape(side * side, -1)))
+    return packed_regions(unit(warped.reshape(side * side, -1)))
 
 
 def verify(query, reference, shift) -> Verification:
@@ -86,7 +86,7 @@ def test_regions_are_kept_to_half_a_step_and_what_is_no_number_is_zero(kernel):
 
 
 @each
-def test_half_a_cell_is_told(kernel):
+def test_half_a_cell_is_reported(kernel):
     query, reference = view(scene(3)), view(scene(3), 15.5, 14.75)
     found = kernel.displacements(query, reference, (0, 0))
     assert np.median(found[:, 2]) == pytest.approx(-0.5, abs=0.1)
@@ -166,12 +166,12 @@ def test_a_lens_is_aligned_where_it_was(kernel, start_m):
     moved = np.eye(4)
     moved[:3, :3], moved[:3, 3] = turned_by((0.01, 0.05, -0.02)), (1.2, 0.1, 0.5)
     points = rays @ moved[:3, :3].T + inverse_m[:, None] * moved[:3, 3]
-    seen = points[:, :2] / points[:, 2:]
-    seen[::9] += 0.1  # what is found elsewhere by chance
+    observed = points[:, :2] / points[:, 2:]
+    observed[::9] += 0.1  # what is found elsewhere by chance
     start = np.eye(4)
     start[:3, 3] = start_m
     structure = Structure(rays, inverse_m, np.full(400, 1e4))
-    given = structure, seen, scale, np.array((1.0,) * 4 + (0.3,) * 7), start
+    given = structure, observed, scale, np.array((1.0,) * 4 + (0.3,) * 7), start
     found, _, off, _, information = kernel.align(*given)
     assert np.abs(found - moved).max() < 0.01
     assert np.median(np.abs(off)) < 0.01

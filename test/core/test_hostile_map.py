@@ -332,7 +332,7 @@ def damaged(ended, tmp_path, change):
 @pytest.mark.parametrize(
     'open_it', [MapReader, lambda path: MapWriter(path, ENCODING, APART, True)]
 )
-def test_damage_that_commits_follow_is_told(ended, tmp_path, at, open_it):
+def test_damage_that_commits_follow_is_reported(ended, tmp_path, at, open_it):
     def flip(data):
         data[at] ^= 16
 
@@ -355,7 +355,7 @@ def test_a_damaged_last_commit_is_passed_over_like_half_a_commit(ended, tmp_path
 
 
 @pytest.mark.parametrize('size', [0, 3, 1000, 1 << 31])
-def test_a_size_of_pages_that_cannot_be_is_told(ended, tmp_path, size):
+def test_a_size_of_pages_that_cannot_be_is_reported(ended, tmp_path, size):
     def declare(data):
         data[8:12] = size.to_bytes(4, 'big')
         sums = _checksum(bytes(data[:24]), '<>'[data[3] & 1], np.zeros(2, np.uint32))

@@ -81,9 +81,9 @@ def test_the_robots_own_body_has_no_keypoints(street, whole):
         gray[160:] = np.random.default_rng(0).integers(0, 256, (80, 320), np.uint8)
         return replace(frame, gray=gray)
 
-    seen = np.ones((32, 32), np.bool_)
-    seen[21:] = False
-    hidden = f'#{np.packbits(seen).tobytes().hex()}'
+    visible = np.ones((32, 32), np.bool_)
+    visible[21:] = False
+    hidden = f'#{np.packbits(visible).tobytes().hex()}'
     config = replace(KEEPS, encoding=replace(KEEPS.encoding, image_mask=hidden))
     masked = build_map([with_bonnet(one) for one in street[0]], None, config)
     query = with_bonnet(street[1][9])

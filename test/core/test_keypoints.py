@@ -37,8 +37,8 @@ def drawn(number, size=(320, 240)):
     return cv2.resize(noise, size, interpolation=cv2.INTER_CUBIC)
 
 
-def keypoints(gray, seen=ALL, most=300):
-    return Keypoints.of_stored(detect(gray, seen, most))
+def keypoints(gray, visible=ALL, most=300):
+    return Keypoints.of_stored(detect(gray, visible, most))
 
 
 def by_hand(*bits, shares=None):
@@ -82,9 +82,9 @@ def test_at_most_so_many_the_strongest_and_none_if_none_are_asked_for():
 
 
 def test_nothing_is_detected_where_a_mask_hides_the_image():
-    seen = ALL.copy()
-    seen[2:] = False  # the lower half
-    found = keypoints(drawn(4), seen)
+    visible = ALL.copy()
+    visible[2:] = False  # the lower half
+    found = keypoints(drawn(4), visible)
     assert len(found.shares) > 50 and found.shares[:, 1].max() < 0.52
     assert keypoints(drawn(4)).shares[:, 1].max() > 0.8
 
@@ -211,9 +211,9 @@ def test_a_map_keeps_the_keypoints_of_each_place(walled, saved, tmp_path):
 
 
 def test_masked_parts_of_places_have_no_keypoints():
-    seen = np.ones((8, 8), bool)
-    seen[4:] = False
-    mask = f'#{np.packbits(seen).tobytes().hex()}'
+    visible = np.ones((8, 8), bool)
+    visible[4:] = False
+    mask = f'#{np.packbits(visible).tobytes().hex()}'
     masked = build_map(frames(1), None, with_values(OWN, {'image_mask': mask}))
     found = masked.keypoints(0)
     assert len(found) > 50 and found[:, 1].max() < 0.52 * 256

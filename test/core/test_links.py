@@ -89,7 +89,7 @@ def test_anchors_are_first_looks_and_looks_are_those_of_all_places(drawn, starts
     for at in range(61):
         # Places that have not come yet do not count as looks: they follow `at` closely.
         shown = bounds.near(np.array(anchors), anchors[at], LINKS.reach)
-        found = every[shown & ~bounds.near(every, at, LINKS.beside)]
+        found = every[shown & ~bounds.near(every, at, LINKS.neighbour_radius)]
         assert links.looks(at) == (*(int(one) for one in found),)
 
 

@@ -48,7 +48,7 @@ def test_a_map_without_keypoints_is_reported_in_one_line(opened, tmp_path, kept,
 
 
 @pytest.mark.parametrize('rule', ['auto', 'margin'])
-def test_steps_of_odometry_that_no_robot_can_make_are_counted_and_told(opened, rule):
+def test_steps_of_odometry_that_no_robot_can_make_are_counted_and_reported(opened, rule):
     with opened({}, {'acceptance_rule': rule}) as pipeline:
         cameras = pipeline.cameras
         for number, frame in enumerate(FRAMES):

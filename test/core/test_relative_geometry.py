@@ -181,7 +181,7 @@ def test_the_covariance_of_a_base_is_that_of_its_lens_moved_there():
     assert fewer.covariance - floor == pytest.approx(wider * (first.covariance - floor), rel=1e-9)
 
 
-def test_a_position_that_is_not_sure_is_not_told():
+def test_a_position_that_is_not_sure_is_not_reported():
     found = base_pose(alignment(np.eye(6)), ROBOT_LENS, ROBOT_LENS)
     assert found.position_m is None and found.position_sigma_m is None
     assert found.direction is not None and found.covariance[0, 0] >= 1e6
@@ -190,7 +190,7 @@ def test_a_position_that_is_not_sure_is_not_told():
 @pytest.mark.parametrize(
     ('share', 'is_told', 'explains'), [(0.6, True, True), (0.45, False, True), (0.3, False, False)]
 )
-def test_a_position_with_which_few_regions_agree_is_not_told(share, is_told, explains):
+def test_a_position_with_which_few_regions_agree_is_not_reported(share, is_told, explains):
     found = alignment(np.eye(6) * 1e-6, share=share)
     pose = base_pose(found, ROBOT_LENS, ROBOT_LENS)
     assert (pose.position_m is not None) is is_told

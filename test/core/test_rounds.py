@@ -119,7 +119,7 @@ def recognizer():
     return PlaceRecognizer(build_map(drawn(5, num_frames=50)))
 
 
-def seen(recognizer, frames, odometry):
+def states(recognizer, frames, odometry):
     """Return state and metres off after each frame, a tenth of a second apart."""
     told = []
     for number, (frame, pose) in enumerate(zip(frames, odometry, strict=True), 1):
@@ -138,7 +138,7 @@ def test_carried_away_it_is_found_again_within_four_frames(recognizer, evening, 
     frames = evening[0] + evening[1]
     # Odometry goes on from where the robot was lifted, and has an origin of its own.
     ways = [Pose((float(step), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)) for step in range(len(frames))]
-    told = seen(recognizer, frames, ways if has_odometry else [None] * len(frames))
+    told = states(recognizer, frames, ways if has_odometry else [None] * len(frames))
     here, there = told[:9], told[9:]
     assert here[0][0] is not LOCALISED and (LOCALISED in [state for state, _ in here[:4]])
     assert there[-1][0] is LOCALISED
@@ -149,5 +149,5 @@ def test_carried_away_it_is_found_again_within_four_frames(recognizer, evening, 
 def test_outside_the_map_it_is_never_localised(recognizer):
     recognizer.reset()
     elsewhere = drawn(77, start_m=20.4, num_frames=10, light='evening', seed=6)
-    told = seen(recognizer, elsewhere, [None] * 10)
+    told = states(recognizer, elsewhere, [None] * 10)
     assert LOCALISED not in [state for state, _ in told]

@@ -74,7 +74,9 @@ def test_a_model_that_fails_is_reported_and_the_built_in_descriptor_takes_over(
     assert len(open_map(net_map)) == 25 + (mode == 'online')
 
 
-def test_a_model_that_is_too_slow_is_told(client, vpr, net, net_map, street, image, monkeypatch):
+def test_a_model_that_is_too_slow_is_reported(
+    client, vpr, net, net_map, street, image, monkeypatch
+):
     describe = OnnxModel.__call__
 
     def takes_long(*given):

@@ -98,7 +98,7 @@ def test_compressed_images_keep_the_name_of_their_topic(client, start, pictures,
     assert heard == message
 
 
-def test_pictures_are_played_on_image_and_unreadable_ones_are_told(
+def test_pictures_are_played_on_image_and_unreadable_ones_are_reported(
     client, start, pictures, tmp_path
 ):
     folder = written(tmp_path / 'pictures', pictures[:3])

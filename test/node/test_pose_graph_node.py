@@ -107,7 +107,7 @@ def close(client, node, *closures: Odometry) -> None:
 RIGHT = [closure(LAP + at, at) for at in range(2, LAP, 6)]
 
 
-def test_over_topics_a_drive_is_corrected_and_a_false_closure_is_refused_and_told(
+def test_over_topics_a_drive_is_corrected_and_a_false_closure_is_refused_and_reported(
     client, graph_node, monkeypatch
 ):
     node = graph_node()
@@ -263,7 +263,7 @@ def test_a_kill_while_saving_leaves_the_old_file(client, graph_node, tmp_path, m
         {'x': math.inf},
     ],
 )
-def test_a_message_that_is_no_closure_is_left_out_and_told(graph_node, change, monkeypatch):
+def test_a_message_that_is_no_closure_is_left_out_and_reported(graph_node, change, monkeypatch):
     node = graph_node()
     monkeypatch.setattr(node, 'get_logger', Mock())
     message = closure(50, 10)
@@ -277,7 +277,7 @@ def test_a_message_that_is_no_closure_is_left_out_and_told(graph_node, change, m
     assert node.get_logger().warning.call_count == 2
 
 
-def test_a_reset_and_a_clock_that_goes_back_are_told(graph_node, monkeypatch):
+def test_a_reset_and_a_clock_that_goes_back_are_reported(graph_node, monkeypatch):
     node = graph_node()
     monkeypatch.setattr(node, 'get_logger', Mock())
     drive(node, last=30)

@@ -44,22 +44,22 @@ def frames(vpr, map_path, monkeypatch):
     """Return a node, and the frames that its recogniser gets."""
     from convseq_ros.core.recognizer import PlaceRecognizer
 
-    seen = []
+    received = []
     process = PlaceRecognizer.process
 
     def record(recognizer, frame):
-        seen.append(frame)
+        received.append(frame)
         return process(recognizer, frame)
 
     monkeypatch.setattr(PlaceRecognizer, 'process', record)
-    return vpr(map_path=map_path, fixed_length=1), seen
+    return vpr(map_path=map_path, fixed_length=1), received
 
 
 @pytest.mark.parametrize('qos', [10, QUICK])
 def test_a_frame_gets_the_pose_of_its_stamp_and_a_camera_of_its_size(
     client, frames, street, image, qos
 ):
-    node, seen = frames
+    node, received = frames
     odom = client.camera(Odometry, '/odom', qos)
     info = client.camera(CameraInfo, '/camera_info', qos)
     surroundings = node._frame_context
@@ -74,16 +74,16 @@ def test_a_frame_gets_the_pose_of_its_stamp_and_a_camera_of_its_size(
     camera = client.camera(Image)
     camera.publish(image(street[0], 10 * SECOND + 250 * MS))
     camera.publish(image(street[1], 20 * SECOND))
-    client.wait_for(lambda: len(seen) == 2)
-    assert seen[0].pose.position == (0.25, 0.0, 0.0)
-    assert seen[0].camera == Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
-    assert seen[1].pose is None
+    client.wait_for(lambda: len(received) == 2)
+    assert received[0].pose.position == (0.25, 0.0, 0.0)
+    assert received[0].camera == Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
+    assert received[1].pose is None
     client.wait_for(lambda: node._situation().further['frames_without_pose'] == 1)
     assert surroundings.odometry.frame_id == 'odom'
 
 
 def test_bad_camera_info_is_one_warning_and_no_camera(client, frames, street, image, capfd):
-    node, seen = frames
+    node, received = frames
     info = client.camera(CameraInfo, '/camera_info')
     info.publish(camera_info())
     client.wait_for(lambda: node._frame_context.camera.is_calibrated)
@@ -91,8 +91,8 @@ def test_bad_camera_info_is_one_warning_and_no_camera(client, frames, street, im
         info.publish(camera_info(width=0))
     client.wait_for(lambda: not node._frame_context.camera.is_calibrated)
     client.camera(Image).publish(image(street[0], SECOND))
-    client.wait_for(lambda: seen)
-    assert seen[0].camera is None
+    client.wait_for(lambda: received)
+    assert received[0].camera is None
     assert ''.join(capfd.readouterr()).count('are not those of a camera') == 1
 
 
@@ -176,7 +176,7 @@ def test_after_three_waits_in_vain_no_image_waits_until_odometry_comes_again(mon
 
 
 @pytest.mark.parametrize(('ahead_s', 'told'), [(100, '90.0 s later'), (2, '8.0 s earlier')])
-def test_odometry_by_another_clock_is_told(monkeypatch, ahead_s, told):
+def test_odometry_by_another_clock_is_reported(monkeypatch, ahead_s, told):
     tracked = Tracked(monkeypatch)
     tracked.hear(odometry(0, ahead_s * SECOND))
     warning = tracked.node.get_logger.return_value.warning

@@ -61,11 +61,11 @@ STARTS = [
 
 def test_every_order_of_start_ends_with_the_robots_own_topics(graph):
     for order in permutations(STARTS):
-        seen = graph('/robot1')
+        world = graph('/robot1')
         for start in order:
-            seen.offers += start
-            seen.look()
-        assert seen.used == {
+            world.offers += start
+            world.look()
+        assert world.used == {
             'image': '/robot1/camera/image_raw',
             'camera_info': '/robot1/camera/camera_info',
             'odom': '/robot1/wheels/odom',
@@ -73,82 +73,82 @@ def test_every_order_of_start_ends_with_the_robots_own_topics(graph):
 
 
 def test_a_topic_is_used_when_two_looks_agree(graph):
-    seen = graph()
-    seen.offers = [Offer('/a/image_raw', IMAGE)]
-    seen.finder._look()
-    assert not seen.changes
-    seen.finder._look()
-    assert [change.topics for change in seen.changes] == [{'image': '/a/image_raw'}]
+    world = graph()
+    world.offers = [Offer('/a/image_raw', IMAGE)]
+    world.finder._look()
+    assert not world.changes
+    world.finder._look()
+    assert [change.topics for change in world.changes] == [{'image': '/a/image_raw'}]
 
 
 def test_only_what_replaces_a_wrong_topic_takes_its_data_back(graph):
-    seen = graph()
-    seen.add('/lidar/nearir_image')
-    seen.add('/wheels/odom', ODOMETRY)
-    seen.add('/odom', ODOMETRY)
-    seen.add('/camera/image_raw')
-    assert [(dict(change.topics), change.gives_up) for change in seen.changes] == [
+    world = graph()
+    world.add('/lidar/nearir_image')
+    world.add('/wheels/odom', ODOMETRY)
+    world.add('/odom', ODOMETRY)
+    world.add('/camera/image_raw')
+    assert [(dict(change.topics), change.gives_up) for change in world.changes] == [
         ({'image': '/lidar/nearir_image'}, True),  # nothing was heard before
         ({'odom': '/wheels/odom'}, False),
         ({'odom': '/odom'}, True),
         ({'image': '/camera/image_raw'}, True),
     ]
-    assert seen.changes[-1].text == (
+    assert world.changes[-1].text == (
         'found image on /camera/image_raw instead of /lidar/nearir_image; to choose another, '
         '-r NAME:=TOPIC'
     )
 
 
 def test_the_calibration_of_a_camera_that_is_given_up_goes_with_it(graph):
-    seen = graph()
-    seen.add('/lidar/camera_info', CAMERA_INFO)
-    seen.add('/lidar/nearir_image')
-    assert seen.used['camera_info'] == '/lidar/camera_info'
-    seen.add('/camera/image_raw')
-    assert seen.used['camera_info'] == '/camera_info'
+    world = graph()
+    world.add('/lidar/camera_info', CAMERA_INFO)
+    world.add('/lidar/nearir_image')
+    assert world.used['camera_info'] == '/lidar/camera_info'
+    world.add('/camera/image_raw')
+    assert world.used['camera_info'] == '/camera_info'
 
 
 def test_topics_that_stopped_are_waited_for_unless_better_ones_come(graph):
-    seen = graph()
-    seen.add('/camera/camera_info', CAMERA_INFO)
-    seen.add('/camera/image_raw')
-    before = dict(seen.used)
+    world = graph()
+    world.add('/camera/camera_info', CAMERA_INFO)
+    world.add('/camera/image_raw')
+    before = dict(world.used)
     for topic in ('/camera/image_raw', '/camera/camera_info'):
-        seen.remove(topic)
-    seen.add('/lidar/nearir_image')
-    seen.add('/lidar/camera_info', CAMERA_INFO)
-    assert seen.used == before
-    seen.add('/front/color/image_raw')
-    assert seen.used['image'] == '/front/color/image_raw'
+        world.remove(topic)
+    world.add('/lidar/nearir_image')
+    world.add('/lidar/camera_info', CAMERA_INFO)
+    assert world.used == before
+    world.add('/front/color/image_raw')
+    assert world.used['image'] == '/front/color/image_raw'
 
 
 def test_a_camera_is_kept_once_the_search_is_settled(graph):
-    seen = graph()
-    seen.add('/lidar/nearir_image')
-    seen.finder.settle()
-    seen.add('/camera/image_raw')
-    assert seen.used['image'] == '/lidar/nearir_image'
-    assert seen.finder._timer.cancel.called
+    world = graph()
+    world.add('/lidar/nearir_image')
+    world.finder.settle()
+    world.add('/camera/image_raw')
+    assert world.used['image'] == '/lidar/nearir_image'
+    assert world.finder._timer.cancel.called
 
 
 def test_an_equal_camera_changes_nothing_and_is_logged_once(graph):
-    seen = graph()
-    seen.add('/right/image_raw')
-    seen.add('/left/image_raw')
-    seen.look()
-    assert seen.used['image'] == '/right/image_raw'
-    seen.warning.assert_called_once_with(
+    world = graph()
+    world.add('/right/image_raw')
+    world.add('/left/image_raw')
+    world.look()
+    assert world.used['image'] == '/right/image_raw'
+    world.warning.assert_called_once_with(
         'image: 2 topics could be meant; to use one: -r image:=/left/image_raw or '
         '-r image:=/right/image_raw'
     )
 
 
 def test_two_better_cameras_leave_the_choice_to_a_person(graph):
-    seen = graph()
-    seen.add('/lidar/nearir_image')
-    seen.offers += [Offer('/left/image_raw', IMAGE), Offer('/right/image_raw', IMAGE)]
-    seen.look()
-    assert seen.used['image'] == '/image'
+    world = graph()
+    world.add('/lidar/nearir_image')
+    world.offers += [Offer('/left/image_raw', IMAGE), Offer('/right/image_raw', IMAGE)]
+    world.look()
+    assert world.used['image'] == '/image'
 
 
 @pytest.mark.parametrize(
@@ -161,11 +161,11 @@ def test_two_better_cameras_leave_the_choice_to_a_person(graph):
     ],
 )
 def test_what_a_person_chose_stays_and_the_rest_is_found(graph, options, left):
-    seen = graph(**options)
-    before = dict(seen.used)
+    world = graph(**options)
+    before = dict(world.used)
     for topic in ('/mine/image_raw', '/other/image_raw'):
-        seen.add(topic)
-    seen.add('/mine/camera_info', CAMERA_INFO)
-    seen.add('/wheels/odom', ODOMETRY)
+        world.add(topic)
+    world.add('/mine/camera_info', CAMERA_INFO)
+    world.add('/wheels/odom', ODOMETRY)
     found = {'camera_info': '/mine/camera_info', 'odom': '/wheels/odom'}
-    assert seen.used == before | {name: found[name] for name in left}
+    assert world.used == before | {name: found[name] for name in left}

@@ -81,7 +81,7 @@ def test_every_change_of_the_state_is_published_and_latched_with_one_initial_pos
     assert last[0].header.frame_id == 'map' and last[0].pose.covariance[0] > 0
 
 
-def test_many_who_wait_take_no_threads_and_too_many_are_told(
+def test_many_who_wait_take_no_threads_and_too_many_are_reported(
     client, vpr, map_path, show, ask, monkeypatch
 ):
     monkeypatch.setattr(localization, '_MOST_CALLS', 5)

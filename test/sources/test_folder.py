@@ -61,7 +61,7 @@ def test_other_numbers_in_names_are_no_stamps(tmp_path, name):
     assert [frame.stamp_ns for frame in folder] == [10**8] and folder.warnings == []
 
 
-def test_names_of_which_some_are_times_are_told(tmp_path):
+def test_names_of_which_some_are_times_are_reported(tmp_path):
     for name in ('1305031102.175304', '1305031102.211214', 'cover'):
         draw(tmp_path / f'{name}.png')
     folder = ImageFolder(tmp_path)

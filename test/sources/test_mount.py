@@ -73,7 +73,7 @@ def test_a_camera_that_looks_sideways_has_the_mount_of_tf_static(opened, layout,
     ]
 
 
-def test_what_was_given_wins_and_both_are_told(opened):
+def test_what_was_given_wins_and_both_are_reported(opened):
     mount, told = opened(SIDEWAYS, camera_to_base='0 0 0 0 0 0')
     assert mount is None
     assert told == [
@@ -82,7 +82,7 @@ def test_what_was_given_wins_and_both_are_told(opened):
     ]
 
 
-def test_a_frame_that_nothing_leads_to_is_told(opened):
+def test_a_frame_that_nothing_leads_to_is_reported(opened):
     mount, told = opened(SIDEWAYS, base_frame='base_footprint')
     assert mount is None
     assert told == [
@@ -91,7 +91,7 @@ def test_a_frame_that_nothing_leads_to_is_told(opened):
     ]
 
 
-def test_without_tf_static_nothing_is_told(opened):
+def test_without_tf_static_nothing_is_reported(opened):
     assert opened() == (None, [])
     assert opened(SIDEWAYS, topic='/tf', layout='mcap plain') == (None, [])
 

@@ -20,7 +20,7 @@ from convseq_ros.core.types import Candidate, Candidates, Flags, Reason
 import numpy as np
 
 # Places to either side of the best, and of its looks, that count as the same place.
-_WINDOW = LINKS.beside // 2
+_WINDOW = LINKS.neighbour_radius // 2
 
 
 class BeliefDecider:
@@ -51,8 +51,8 @@ class BeliefDecider:
         self._prior.reset()
         self._jumps.reset()
 
-    def share(self, other: object) -> None:
-        """Share the odometry prior with the decider of another camera of the robot."""
+    def use_matches_of(self, other: object) -> None:
+        """Use the matches and the odometry of the decider of another camera of the robot."""
         if isinstance(other, BeliefDecider):
             self._prior.use_matches_of(other._prior)
 
@@ -63,7 +63,7 @@ class BeliefDecider:
         if query.missing > BUFFER.longest_gap:
             belief.reset()
         pose = frame.pose if query.config.robot.odometry_way_error else None
-        if self._jumps.observe(frame.stamp_ns, pose):  # a jump is no way travelled
+        if self._jumps.observe(frame.stamp_ns, pose):  # the step of a jump is unknown
             belief.motion.forget_pose()
             self._prior.forget_poses()
         belief.motion.move(pose, query.missing, query.buffer.novelty)

@@ -57,8 +57,8 @@ class Decider(Protocol):
     def reset(self) -> None:
         """Forget the drive."""
 
-    def share(self, other: object) -> None:
-        """Share the odometry prior with the decider of another camera of the robot."""
+    def use_matches_of(self, other: object) -> None:
+        """Use the matches and the odometry of the decider of another camera of the robot."""
 
 
 def distinct_peaks(scores: Doubles, count: int, near: Callable[[int], Flags]) -> list[int]:

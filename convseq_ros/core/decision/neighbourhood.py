@@ -14,12 +14,12 @@ class Neighbourhood:
     def __init__(self, reference_map: ReferenceMap) -> None:
         self._map = reference_map
 
-    def ranges(self, index: int, distance: int = LINKS.beside) -> list[range]:
+    def ranges(self, index: int, distance: int = LINKS.neighbour_radius) -> list[range]:
         """Return the ranges of places within a distance of a place and of each of its looks."""
         looks = (index, *self._map.links.looks(index))
         return [self._map.bounds.around(look, distance) for look in looks]
 
-    def mask(self, places: Indices, index: int, distance: int = LINKS.beside) -> Flags:
+    def mask(self, places: Indices, index: int, distance: int = LINKS.neighbour_radius) -> Flags:
         """Return which of `places` (n,) are near a place or one of its looks."""
         is_near = np.zeros(len(places), np.bool_)
         for near in self.ranges(index, distance):
@@ -42,6 +42,6 @@ class Neighbourhood:
         lowered = values[:, None] - loss * abs(places - others[:, None])
         return np.where(near, lowered, -np.inf).max(axis=0, initial=-np.inf)
 
-    def is_near(self, place: int, index: int, distance: int = LINKS.beside) -> bool:
+    def is_near(self, place: int, index: int, distance: int = LINKS.neighbour_radius) -> bool:
         """Return whether a place is near another or one of its looks."""
         return any(place in near for near in self.ranges(index, distance))

@@ -161,10 +161,10 @@ class Observer:
         leads = likelihood.leads(strengths, scores[at], is_rival)
         newest = buffer.newest.descriptor
         is_alike = self._witness.is_like(query.frame, newest, query.usable)
-        chance = min(1.0, (LINKS.beside + 1) / query.usable)
+        chance = min(1.0, (LINKS.neighbour_radius + 1) / query.usable)
         is_followed, mass = belief.elsewhere < 1, self._mass(belief, best, OBSERVED.beside)
         follows = mass / (1 - belief.elsewhere) if is_followed else 0.0
-        held = self._mass(belief, best, LINKS.beside // 2)
+        held = self._mass(belief, best, LINKS.neighbour_radius // 2)
         doubted = 1 - query.config.acceptance.min_confidence
         is_sure = 1 - held <= OBSERVED.doubt * doubted
         by_cells = leads.cells.max() + gain_of(follows, chance)
@@ -200,7 +200,7 @@ class Observer:
         Keypoints that deny a place deny those beside it, too.
         """
         asked, ratios = np.array([*spoken], np.int64), np.array([*spoken.values()])
-        near = self._near.best_beside(places, asked, ratios, LINKS.beside // 2)
+        near = self._near.best_beside(places, asked, ratios, LINKS.neighbour_radius // 2)
         denied = np.where(np.isfinite(near), np.minimum(near, 0.0), 0.0)
         own = zip(places.tolist(), denied.tolist(), strict=True)
         return np.array([spoken.get(place, ratio) for place, ratio in own])
@@ -247,7 +247,7 @@ class Observer:
         if not len(examined):
             return replace(observed, places=places, log_ratios=log_ratios)
         ratios = observed.log_ratios[np.searchsorted(observed.places, examined)]
-        best = self._near.best_beside(places, examined, ratios, LINKS.beside // 2)
+        best = self._near.best_beside(places, examined, ratios, LINKS.neighbour_radius // 2)
         is_beside = np.isfinite(best)
         is_beside[np.searchsorted(places, examined)] = False
         log_ratios[is_beside] = np.minimum(log_ratios[is_beside], best[is_beside])

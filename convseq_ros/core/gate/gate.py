@@ -104,8 +104,8 @@ class FrameGate:
         if self._by_scene:  # else uninformative frames are keyframes, too
             if not descriptor.informative:
                 return Verdict(Reason.UNINFORMATIVE, descriptor)
-            share, last = self._keyframes.keyframe_overlap, self._scene
-            if last is not None and self._overlap(descriptor, last, share) > share:
+            most, last = self._keyframes.keyframe_overlap, self._scene
+            if last is not None and self._overlap(descriptor, last, most) > most:
                 self._near_duplicate.note(edges, True)
                 return self._not_keyframe(still, pose, edges, descriptor)
         # In the dark, noise alone may leave little overlap: compare the frames for standstill.

@@ -461,7 +461,7 @@ static void solve(double (*all)[7], double *found)
 
 // Write the error of a region and return its contribution, at a motion rows[3][4].
 // `add`: to sums[6][7], information about the pose and the gradient; to pull[6], the gradient only.
-static Share shared(const double *ray, const double *seen, double inverse, double given,
+static Share shared(const double *ray, const double *observed, double inverse, double given,
                     double held, const double *scale, double variance, double least_ahead,
                     const double (*rows)[4], double (*sums)[7], double *pull, double *off)
 {
@@ -473,7 +473,7 @@ static Share shared(const double *ray, const double *seen, double inverse, doubl
     double ahead = point[2] > least_ahead ? point[2] : least_ahead;
     for (int axis = 0; axis < 2; axis++) {
         at[axis] = point[axis] / ahead;
-        off[axis] = (at[axis] - seen[axis]) * scale[axis];
+        off[axis] = (at[axis] - observed[axis]) * scale[axis];
         by_depth[axis] = (rows[axis][3] - at[axis] * rows[2][3]) * scale[axis] / ahead;
     }
     double x = turned[0], y = turned[1], z = turned[2], u = at[0], v = at[1];
@@ -503,7 +503,7 @@ static Share shared(const double *ray, const double *seen, double inverse, doubl
 // Fit a motion rows[3][4] and inverse depths [count] to positions of regions, [count][2], by one
 // round of least squares for each sigma. Fill in the errors, [count][2], the gradients by the pose,
 // [count][6], and the information about it, [6][6]; see `alignment.align`.
-KERNEL(align)(const double *rays, const double *seen, const double *given, const double *held,
+KERNEL(align)(const double *rays, const double *observed, const double *given, const double *held,
               intptr_t count, const double *scale, const double *sigmas, intptr_t rounds,
               double stiffness, double least_ahead, double (*rows)[4], double *inverse,
               double *off, double *pulls, double *information)
@@ -514,7 +514,7 @@ KERNEL(align)(const double *rays, const double *seen, const double *given, const
     for (intptr_t round = 0; round < rounds; round++) {
         double sums[6][7] = {{0}}, step[6], variance = sigmas[round] * sigmas[round];
         for (intptr_t one = 0; one < count; one++)
-            shares[one] = shared(rays + 3 * one, seen + 2 * one, inverse[one], given[one],
+            shares[one] = shared(rays + 3 * one, observed + 2 * one, inverse[one], given[one],
                                  held[one], scale, variance, least_ahead,
                                  (const double (*)[4])rows, sums, pulls + 6 * one, off + 2 * one);
         for (int row = 0; row < 6; row++) {

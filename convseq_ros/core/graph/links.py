@@ -19,7 +19,7 @@ class LINKS:
     """Constants of the looks of a place."""
 
     reach: int = 8  # places between two anchors that still count as one place; 2 leave gaps
-    beside: int = 8  # places of a drive that are only neighbours, not looks of one place
+    neighbour_radius: int = 8  # within which places of a drive are neighbours, not looks
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -129,13 +129,13 @@ class Links:
         """Return the other places that show the same as a place, without its neighbours."""
         if not self._links:
             return ()
-        looks, beside = list[int](), self._around(index, LINKS.beside)
+        looks, neighbours = list[int](), self._around(index, LINKS.neighbour_radius)
         for near in self._around(self.anchor(index), LINKS.reach):
             if near in self._followers:
                 looks += (near, *self._followers[near])
             elif self.anchor(near) == near:
                 looks.append(near)
-        return tuple(sorted(look for look in looks if look not in beside))
+        return tuple(sorted(look for look in looks if look not in neighbours))
 
     def followers(self, anchor: int) -> tuple[int, ...]:
         """Return the other places whose anchor is a place."""

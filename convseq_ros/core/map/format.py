@@ -146,8 +146,8 @@ class Settings:
                 'descriptor_model to the file that it was made with, or build the map again'
             )
         if grows and self.encoding.keeps_cells != wanted.keeps_cells:
-            way = 'with' if self.encoding.keeps_cells else 'without'
-            return f'made {way} cells; set matching as it was built, or build the map again'
+            kept = 'with' if self.encoding.keeps_cells else 'without'
+            return f'made {kept} cells; set matching as it was built, or build the map again'
         return None
 
 

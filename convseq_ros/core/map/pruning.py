@@ -87,7 +87,8 @@ class Pruning:
 
     def _first(self, place: int) -> int:
         """Return the anchor of a place; if it is not linked, as a linked neighbour implies."""
-        links, bounds, steps = self._map.links, self._map.bounds, range(1, LINKS.beside // 2 + 1)
+        links, bounds = self._map.links, self._map.bounds
+        steps = range(1, LINKS.neighbour_radius // 2 + 1)
         place = links.anchor(place)
         start, end = bounds.span(place)
         for offset in chain.from_iterable((step, -step) for step in steps):

@@ -31,11 +31,11 @@ class Driven:
         return moved, np.full(moved.shape, self._sigma)
 
 
-def seen(belief, log_ratios, places=None, entry=1.0, unseen=0.0, earlier=0):
+def updated(belief, log_ratios, places=None, entry=1.0, others=0.0, earlier=0):
     """Look at some places, all of them unless told, and at what is believed."""
     places = np.arange(len(log_ratios)) if places is None else np.array(places)
     every = np.union1d(belief.places, places)
-    at, ratios = np.searchsorted(every, places), np.full(len(every), unseen)
+    at, ratios = np.searchsorted(every, places), np.full(len(every), others)
     ratios[at] = log_ratios
     entries = np.ones(len(every))
     entries[at] = entry
@@ -53,20 +53,20 @@ def masses(belief, count):
 def sure_of(belief, place):
     """Have a belief be sure of a place."""
     for _ in range(4):
-        seen(belief, [40.0], [place], unseen=-40.0)
+        updated(belief, [40.0], [place], others=-40.0)
     assert belief.elsewhere < 1e-6
     return belief
 
 
 def test_the_second_step_by_hand(a_map):
     belief = Belief(a_map(4), Driven())
-    first = seen(belief, np.log([1, 20, 1, 1])).mass
+    first = updated(belief, np.log([1, 20, 1, 1])).mass
     belief.predict(4)
     mass, elsewhere = masses(belief, 4)
     # All move on by one; the last runs off the map, and of each a two-thousandth leaves it.
     prior = (1 - 0.0005) * np.array([0, *first[:3]])
     assert mass == pytest.approx(prior) and elsewhere == pytest.approx(1 - prior.sum())
-    seen(belief, np.log([1, 1, 20, 1]), entry=[1, 1, 0.5, 0])
+    updated(belief, np.log([1, 1, 20, 1]), entry=[1, 1, 0.5, 0])
     # What ran off the map is lost; without earlier drives, it does not enter.
     entering = 0.004 * (elsewhere - first[3])
     share, stays = (entering * np.array([1, 1, 0.5, 0]) + 1e-4) / 4, elsewhere - entering
@@ -78,13 +78,13 @@ def test_the_second_step_by_hand(a_map):
 
 def test_a_lost_robot_is_in_the_map_of_an_earlier_drive_as_likely_as_not(a_map):
     def first_mass(count, earlier):
-        return seen(Belief(a_map(count), Driven()), np.zeros(count), earlier=earlier).mass.sum()
+        return updated(Belief(a_map(count), Driven()), np.zeros(count), earlier=earlier).mass.sum()
 
     assert first_mass(400, 400) == pytest.approx(0.5, abs=1e-4)
     assert first_mass(100, 100) == pytest.approx(0.15, abs=1e-4)  # so no frame decides alone
     assert first_mass(100, 0) == pytest.approx(1e-4, rel=0.01)  # of no earlier drive
-    belief = seen(Belief(a_map(400), Driven()), np.full(400, -40.0), earlier=400)
-    later = seen(belief, np.zeros(400), earlier=400).mass.sum()
+    belief = updated(Belief(a_map(400), Driven()), np.full(400, -40.0), earlier=400)
+    later = updated(belief, np.zeros(400), earlier=400).mass.sum()
     assert later == pytest.approx(0.004, abs=2e-4)  # the first frame denies all places
 
 
@@ -92,7 +92,7 @@ def test_mass_that_runs_off_a_session_may_be_anywhere_in_the_map(a_map):
     belief = sure_of(Belief(a_map(400, 4), Driven()), 403)
     belief.predict(404)
     assert belief.elsewhere > 0.99
-    seen(belief, np.zeros(404), earlier=404)
+    updated(belief, np.zeros(404), earlier=404)
     assert belief.mass.sum() == pytest.approx(0.5, abs=0.01)
 
 
@@ -100,7 +100,7 @@ def test_a_little_of_the_mass_takes_up_another_velocity(a_map):
     belief = Belief(a_map(20), Driven(1.0, 3.0))
     sure_of(belief, 2)
     belief.predict(20)
-    seen(belief, [40.0], [5], unseen=-40.0)  # it was three
+    updated(belief, [40.0], [5], others=-40.0)  # it was three
     assert belief.velocity(5) == 3.0 and belief.velocity(12) == 1.0
     belief.predict(20)
     mass, _ = masses(belief, 20)
@@ -115,14 +115,14 @@ def test_a_robot_in_reverse_gear_is_followed_though_each_frame_shows_places_besi
     belief = Belief(street, MotionModel(street, both=False, way_error=0.1))
     for place in range(50, 10, -1):
         belief.predict(60)
-        seen(belief, 6.0 - 0.25 * abs(np.arange(60) - place))
+        updated(belief, 6.0 - 0.25 * abs(np.arange(60) - place))
         (likeliest,) = belief.likeliest(1)
         assert abs(likeliest - place) <= (4 if place > 40 else 1)
 
 
 def test_the_likeliest_come_best_first_however_little_they_hold(a_map):
     belief = Belief(a_map(6), Driven())
-    seen(belief, np.log([5, 450, 5, 300, 0.05, 5]))
+    updated(belief, np.log([5, 450, 5, 300, 0.05, 5]))
     assert belief.likeliest(2) == [1, 3] and belief.likeliest(9) == [1, 3, 0, 2, 5, 4]
 
 
@@ -154,17 +154,17 @@ def test_a_belief_that_is_denied_goes_elsewhere_step_by_step(a_map):
     left = [belief.elsewhere]
     for _ in range(12):
         belief.predict(20)
-        left.append(seen(belief, np.full(20, -1.0), unseen=-1.0).elsewhere)
+        left.append(updated(belief, np.full(20, -1.0), others=-1.0).elsewhere)
     assert all(one < other for one, other in pairwise(left)) and left[-1] > 0.9
 
 
 def test_the_belief_recovers_from_the_lowest_likelihoods(a_map):
     belief = Belief(a_map(20), Driven(0.0))
     for _ in range(50):
-        seen(belief, np.full(20, -50.0), unseen=-50.0)
+        updated(belief, np.full(20, -50.0), others=-50.0)
     assert belief.elsewhere == pytest.approx(1)
     for _ in range(3):
-        seen(belief, [6.0, *[-2.0] * 19])
+        updated(belief, [6.0, *[-2.0] * 19])
     assert belief.mass[0] > 0.9
 
 

@@ -35,8 +35,8 @@ class PaperDecider:
     def reset(self) -> None:
         self._coarse.reset()
 
-    def share(self, _other: object) -> None:
-        """Share nothing: this decider does not use odometry."""
+    def use_matches_of(self, _other: object) -> None:
+        """Do nothing: this decider does not use odometry."""
 
     def decide(self, query: Query) -> Answer:
         """Return the best places by their sequence scores."""

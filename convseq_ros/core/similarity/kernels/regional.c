@@ -13,17 +13,17 @@ static int is_sure(double total, double squares, double first, double count, dou
 
 // Write the scores of a query and each reference: by bytes, with `scale` for their products, if the
 // initial values of sums are given, else by floats. No region has negative numbers, so floats have
-// the same order as their bits. After each `look` regions it ends if the side of the limit is
-// decided; a look of 0 disables this.
+// the same order as their bits. After each `every` regions it ends if the side of the limit is
+// decided; 0 disables this.
 KERNEL(score)(const void *query, const int32_t *start, intptr_t count, intptr_t all, double scale,
-              double limit, double errors, intptr_t look, const void *const *references,
+              double limit, double errors, intptr_t every, const void *const *references,
               intptr_t several, float *scores)
 {
     for (intptr_t one = 0; one < several; one++) {
         double total = 0, squares = 0;
-        intptr_t seen = 0;
-        while (seen < count) {
-            intptr_t first = seen;
+        intptr_t summed = 0;
+        while (summed < count) {
+            intptr_t first = summed;
             Words best[ROWS] = {0};
             for (intptr_t place = 0; place < all * NUMBERS; place += COLUMNS * NUMBERS) {
                 Words sums[ROWS][2];
@@ -37,17 +37,17 @@ KERNEL(score)(const void *query, const int32_t *start, intptr_t count, intptr_t 
                 for (int row = 0; row < ROWS; row++)
                     best[row] = larger(best[row], larger(sums[row][0], sums[row][1]));
             }
-            for (int row = 0; row < ROWS && seen < count; row++, seen++) {
+            for (int row = 0; row < ROWS && summed < count; row++, summed++) {
                 int32_t highest = largest(best[row]);
                 double similarity = start ? highest : ((Floats)splat(highest))[0];
                 total += similarity;
                 squares += similarity * similarity;
             }
-            if (look && seen % look == 0 && seen < count &&
-                is_sure(total, squares, (double)seen, (double)count, limit * scale, errors))
+            if (every && summed % every == 0 && summed < count &&
+                is_sure(total, squares, (double)summed, (double)count, limit * scale, errors))
                 break;
         }
-        double score = total / ((double)seen * scale);
+        double score = total / ((double)summed * scale);
         scores[one] = (float)(score < 1 ? score : 1);
     }
     return 0;
