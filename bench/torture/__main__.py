@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         attack = available[name]
         outcomes[name] = outcome = Outcome(name, _SEED if chosen.seed is None else chosen.seed)
         count = attack.count if chosen.seed is None else attack.portion
-        count = attack.short if chosen.short else chosen.count or count
+        count = attack.short if chosen.short else count
         while outcome.asked < count:
             _portion(min(attack.portion, count - outcome.asked), outcome, chosen.docs)
         _report(outcome)
@@ -75,7 +75,6 @@ def _parser(names: list[str]) -> argparse.ArgumentParser:
         allow_abbrev=False, prog='torture', description=__doc__.splitlines()[1]
     )
     parser.add_argument('attacks', nargs='*', metavar='ATTACK', help=f'of {", ".join(names)}')
-    parser.add_argument('--count', type=int, help='tries, instead of those of each attack')
     parser.add_argument('--short', action='store_true', help='as few tries as in the tests')
     parser.add_argument('--seed', type=int, help='repeat the portion of this seed')
     parser.add_argument('--hours', type=float, default=0.0, help='repeat for this time')

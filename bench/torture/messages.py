@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Abnormal messages over DDS, services called at 50 Hz, life cycles cut short."""
+"""Abnormal messages over DDS, and services called at 50 Hz."""
 
 from array import array
 from collections.abc import Callable, Iterator, Sequence
@@ -9,11 +9,7 @@ from pathlib import Path
 import random
 from typing import Any
 
-from convseq_ros.core.map.database import MapLock
-from convseq_ros.errors import MapError
 from convseq_ros.sources.images import ENCODINGS
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
 from nav_msgs.srv import LoadMap
 import numpy as np
@@ -175,30 +171,6 @@ def _run(
             tried += len(names)
 
 
-def _cleaned_up(count: int, _seed: int, folder: Path) -> Iterator[Try]:
-    """Clean a managed node up right after it is configured."""
-    path = folder / 'maps' / 'map.db'
-    path.parent.mkdir()
-    with robot(folder, waits=False, mode='online', map_path=path, lifecycle=True) as one:
-        client = one.node.create_client(ChangeState, '/vpr_node/change_state')
-        one.wait_for(client.service_is_ready, _PATIENCE_S)
-        one.spin(1.0)
-        for number in range(count):
-            problem = ''
-            for step in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP):
-                asked = client.call_async(ChangeState.Request(transition=Transition(id=step)))
-                if not one.wait_for(asked.done, _ANSWER_S) or not asked.result().success:
-                    problem = f'transition {step} failed'
-            try:
-                with MapLock(path):
-                    pass
-            except MapError as error:
-                problem = problem or str(error)
-            if left := {one.name for one in path.parent.iterdir()} - {path.name}:
-                problem = problem or f'left behind: {", ".join(left)}'
-            yield Try(f'{number}: cleanup', problem)
-
-
 def _camera_image(draw: random.Random) -> tuple[Image, int]:
     (height, width), channels = draw.choice(_CAMERAS), draw.choice((1, 3))
     noise = np.random.default_rng(draw.getrandbits(32)).integers(0, 256, (height, width), np.uint8)
@@ -295,10 +267,5 @@ ATTACKS = {
         '`~/reset`, `~/set_enabled`, `~/save_map`, `~/load_map` and parameters, called at 50 Hz',
         'every call is answered within 30 s; the node lives, and answers frames afterwards',
         1_200, 200, 0, partial(_run, [Sender.calls], {'image_size_px': 256}),
-    ),
-    'cleanup': Attack(
-        'A managed node is cleaned up right after it is configured',
-        'both succeed, nobody holds the map, and nothing lies beside it',
-        30, 10, 0, _cleaned_up,
     ),
 }  # fmt: skip

@@ -20,7 +20,7 @@ from bench.parts.frames import STAGES
 from bench.torture import forked, fuzz
 from bench.torture.attack import attacks
 from bench.torture.disk import compiler
-from bench.torture.disk_attacks import SCENARIOS
+from bench.torture.scenarios import SCENARIOS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 CHEAP = 'hostile_maps', 'log_damage', 'map_damage', 'recording_damage'
