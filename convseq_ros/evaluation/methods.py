@@ -17,9 +17,9 @@ from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
 from convseq_ros.config.paper import PAPER
 from convseq_ros.config.parameter import Value
-from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.errors import ConfigError, pip_install, SourceError
+from convseq_ros.errors import ConfigError, pip_install
 from convseq_ros.evaluation import peers
+from convseq_ros.evaluation.given_files import read_descriptors, read_scores
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.material import described, Images, Material
 from convseq_ros.evaluation.recognition import (
@@ -30,23 +30,9 @@ from convseq_ros.evaluation.recognition import (
     recognize,
     verified,
 )
-from convseq_ros.io.files import read_array
 from convseq_ros.models.onnx_model import OnnxModel
 import numpy as np
 import numpy.typing as npt
-
-
-def cosine_scores(
-    queries: npt.NDArray[np.float32], references: npt.NDArray[np.float32]
-) -> npt.NDArray[np.float32]:
-    """Return the cosine of queries (Q, D) and references (R, D), 0 for a zero vector: (Q, R)."""
-    return _unit(queries) @ _unit(references).T
-
-
-def _unit(rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    length = np.linalg.norm(rows, axis=1, keepdims=True)
-    return np.divide(rows, length, out=np.zeros_like(rows), where=length > 0)
-
 
 Gray = npt.NDArray[np.uint8]
 Vectors = npt.NDArray[np.float32]  # (N, n), a descriptor an image
@@ -206,44 +192,6 @@ def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
     return peers.peer_scores(material, name.kind, alpha, vocabulary, config.reading, rows)
 
 
-def read_scores(
-    path: Path, queries: int, references: int, reading: ReadingConfig = ReadingConfig()
-) -> npt.NDArray[np.float32]:
-    """Return the pair scores in a .npy file, (queries, references)."""
-    scores = _numbers_in(path, reading)
-    if scores.shape != (queries, references):
-        shape = ' x '.join(map(str, scores.shape))
-        advice = '; transpose it' if scores.shape == (references, queries) else ''
-        raise SourceError(
-            f'{path}: a matrix of {shape} scores for {queries} queries and {references} '
-            f'references; expected query by reference{advice}'
-        )
-    return scores
-
-
-def read_descriptors(
-    path: Path, count: int, reading: ReadingConfig = ReadingConfig()
-) -> npt.NDArray[np.float32]:
-    """Return one descriptor per image, (N, D); SourceError for another count, or NaN."""
-    rows = _numbers_in(path, reading)
-    if rows.ndim < 2 or len(rows) != count:
-        raise SourceError(
-            f'{path}: an array of shape {rows.shape} for {count} images; expected one row for each'
-        )
-    return rows.reshape(count, -1)
-
-
-def _numbers_in(path: Path, reading: ReadingConfig) -> npt.NDArray[np.float32]:
-    try:
-        numbers = np.asarray(read_array(path, reading), np.float32)
-    except (TypeError, ValueError):
-        raise SourceError(f'{path}: not a .npy file of plain numbers; save one') from None
-    if not np.isfinite(numbers).all():
-        where = ', '.join(map(str, np.argwhere(~np.isfinite(numbers))[0]))
-        raise SourceError(f'{path}: holds NaN or infinity, first at [{where}]; compute it again')
-    return numbers
-
-
 def _given_scores(material: Material, name: MethodName, config: Config) -> PairScores:
     lower = name.options.get('lower_is_better', 'false')
     if lower not in ('true', 'false'):
@@ -290,6 +238,18 @@ def _described(images: Images, describe: Callable[[Gray], Vectors]) -> tuple[Vec
     rows, median_ms = described(images, describe)
     zeros = np.zeros_like(next(row for row in rows if row is not None))
     return np.stack([zeros if row is None else row for row in rows]), median_ms
+
+
+def cosine_scores(
+    queries: npt.NDArray[np.float32], references: npt.NDArray[np.float32]
+) -> npt.NDArray[np.float32]:
+    """Return the cosine of queries (Q, D) and references (R, D), 0 for a zero vector: (Q, R)."""
+    return _unit(queries) @ _unit(references).T
+
+
+def _unit(rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.divide(rows, length, out=np.zeros_like(rows), where=length > 0)
 
 
 def _by_cosine(query: Vectors, reference: Vectors, encode_ms: float | None = None) -> PairScores:

@@ -16,7 +16,8 @@ from convseq_ros.baselines.vlad import learnt_centres, means, nearest, vlad
 from convseq_ros.baselines.vocabulary import bag_scores, signs, Vocabulary
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.methods import cosine_scores, read_descriptors, read_scores
+from convseq_ros.evaluation.given_files import read_descriptors, read_scores
+from convseq_ros.evaluation.methods import cosine_scores
 import cv2
 from hypothesis import given, strategies
 import numpy as np

@@ -14,7 +14,7 @@ from convseq_ros.config.parameter import parameters
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.data_set import open_data_set
-from convseq_ros.evaluation.methods import read_descriptors, read_scores
+from convseq_ros.evaluation.given_files import read_descriptors, read_scores
 from convseq_ros.evaluation.run_folder import read_run
 from convseq_ros.evaluation.truth import read_pairs, read_positions
 from convseq_ros.io.mask_file import read_mask
