@@ -3,21 +3,20 @@
 """Conversions from the records of the core to ROS messages; pure functions."""
 
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 import math
 import sys
-from uuid import UUID
 
 from builtin_interfaces.msg import Time
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.result_row import row
-from convseq_ros.core.types import Candidate, Match, Pose, PoseEstimate, RelativePose, UNKNOWN_M2
+from convseq_ros.core.types import Candidate, Match, Pose, PoseEstimate
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
+from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Quaternion
 from geometry_msgs.msg import Pose as PoseMessage
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path
 import numpy as np
 import numpy.typing as npt
 from sensor_msgs.msg import Image, PointCloud2, PointField
@@ -127,6 +126,19 @@ def pose_message(match: Match, estimate: PoseEstimate, frame_id: str) -> PoseWit
     return message
 
 
+def path_message(poses: Iterable[tuple[int, Pose]], frame_id: str) -> Path:
+    """Return stamps in ns and poses as a path; its own stamp is the last one, 0 without any."""
+    stamped = [
+        PoseStamped(
+            header=Header(stamp=stamp_from_ns(stamp_ns), frame_id=frame_id),
+            pose=pose_only_message(pose),
+        )
+        for stamp_ns, pose in poses
+    ]
+    stamp = stamped[-1].header.stamp if stamped else stamp_from_ns(0)
+    return Path(header=Header(stamp=stamp, frame_id=frame_id), poses=stamped)
+
+
 def image_message(bgr: npt.NDArray[np.uint8], header: Header) -> Image:
     """Return a picture, uint8 of shape (H, W, 3) as bgr8 or (H, W) as mono8, as a message."""
     height, width = bgr.shape[:2]
@@ -188,118 +200,3 @@ def cloud_fields(row: np.dtype[np.void]) -> list[PointField]:
 def type_name(kind: type) -> str:
     """Return the name of a message's type on the ROS graph, such as sensor_msgs/msg/Image."""
     return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
-
-
-# `~/closure` is a PointCloud2 of one point. A reader in Python or C++ takes its fields by name
-# (docs/backends/README.md), and new fields can be added at the end.
-LAYOUT = 1  # of the fields below; it changes when one goes or means something else
-# Fields of 8 bytes come first, then those of 4: each lies where its type wants it.
-CLOSURE = np.dtype(
-    [
-        # Pose of the query's base in the reference's base frame, metres; NaN if not measured.
-        *((name, '<f8') for name in ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')),
-        ('direction', '<f8', 3),  # of the position, unit vector, also where its length is unknown
-        # Of x, y, z and turns about these axes, row by row; 1e6 if not measured.
-        ('covariance', '<f8', 36),
-        ('layout', '<u4'),
-        ('query_sec', '<i4'),
-        ('query_nanosec', '<u4'),
-        ('reference_sec', '<i4'),
-        ('reference_nanosec', '<u4'),
-        ('query_id', '<u4'),  # frames answered before
-        ('reference_id', '<u4'),  # index of the place in the map
-        ('session', '<u4'),  # number of the place's session in the map, from 0
-        ('confidence', '<f4'),  # probability in [0, 1] that the place is right; NaN if unknown
-        ('inliers', '<u4'),  # correspondences that agree with the pose, or moved together
-        ('map_id', '<u1', 16),  # the bytes of UUIDs
-        ('reference_session', '<u1', 16),
-        ('query_session', '<u1', 16),  # zero if this drive is not in the map
-    ]
-)
-"""The one row of `~/closure`."""
-
-_NO_ID = UUID(int=0)
-UNKNOWN_RAD2 = 10.0  # variance of a turn that is not measured
-
-
-def closure_message(
-    match: Match, reference_map: ReferenceMap, frame_id: str, session_start: int
-) -> PointCloud2:
-    """Return an accepted match as a closure; places from `session_start` on are of this drive."""
-    accepted = match.accepted
-    if accepted is None:
-        raise ValueError('a closure needs an accepted match')
-    row = np.zeros(1, CLOSURE)
-    _write_pose(row, match.relative_pose)
-    row['layout'] = LAYOUT
-    for name, stamp_ns in (
-        ('query', match.query_stamp_ns),
-        ('reference', accepted.reference_stamp_ns),
-    ):
-        stamp = stamp_from_ns(stamp_ns)
-        row[f'{name}_sec'], row[f'{name}_nanosec'] = stamp.sec, stamp.nanosec
-    row['query_id'] = match.query_index % 2**32
-    row['reference_id'] = accepted.reference_index
-    row['confidence'] = math.nan if match.confidence is None else match.confidence
-    measured = match.relative_pose
-    row['inliers'] = measured.inliers if measured else accepted.inliers or 0
-    place = reference_map.places[accepted.reference_index]
-    row['session'] = place.session
-    row['map_id'] = _bytes(reference_map.map_id)
-    row['reference_session'] = _bytes(reference_map.sessions[place.session].id)
-    if session_start < len(reference_map):
-        newest = reference_map.places[len(reference_map) - 1]
-        row['query_session'] = _bytes(reference_map.sessions[newest.session].id)
-    return cloud_message(row, match_header(match, frame_id), is_dense=False)
-
-
-def closure_odometry_message(
-    match: Match, reference_map: ReferenceMap, session_start: int
-) -> Odometry:
-    """
-    Return an accepted match as the pose of the query in the reference, for tools that know us not.
-
-    `header.frame_id` names the reference and `child_frame_id` the query, as `session/stamp_ns`;
-    they are no TF frames. A query that is not in the map has no session. Without a measured
-    position it is zero, with a variance of 1e6 m2; without a measured turn, of 10 rad2.
-    """
-    accepted = match.accepted
-    if accepted is None:
-        raise ValueError('a closure needs an accepted match')
-    place = reference_map.places[accepted.reference_index]
-    reference, newest = reference_map.sessions[place.session].id, ''
-    if session_start < len(reference_map):
-        newest = reference_map.sessions[reference_map.places[len(reference_map) - 1].session].id
-    message = Odometry(header=match_header(match, f'{reference}/{accepted.reference_stamp_ns}'))
-    message.child_frame_id = f'{newest}/{match.query_stamp_ns}'
-    covariance = np.diag([UNKNOWN_M2] * 3 + [UNKNOWN_RAD2] * 3)
-    pose = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    if measured := match.relative_pose:
-        pose = Pose(measured.position_m or pose.position, measured.orientation)
-        covariance[3:, 3:] = measured.covariance[3:, 3:]
-        if measured.position_m:
-            covariance = measured.covariance
-    message.pose.pose = pose_only_message(pose)
-    message.pose.covariance = covariance.ravel()
-    return message
-
-
-def _write_pose(row: npt.NDArray[np.void], measured: RelativePose | None) -> None:
-    nowhere = (math.nan,) * 3
-    position = measured.position_m if measured else None
-    direction = measured.direction if measured else None
-    row['x'], row['y'], row['z'] = position or nowhere
-    orientation = measured.orientation if measured else (math.nan,) * 4
-    row['qx'], row['qy'], row['qz'], row['qw'] = orientation
-    row['direction'] = direction or nowhere
-    covariance = measured.covariance if measured else np.eye(6) * UNKNOWN_M2
-    row['covariance'] = covariance.ravel()
-
-
-def _bytes(ident: str) -> npt.NDArray[np.uint8]:
-    """Return the bytes of a UUID; zeros if the text is not one."""
-    try:
-        uuid = UUID(ident)
-    except ValueError:
-        uuid = _NO_ID
-    return np.frombuffer(uuid.bytes, np.uint8)

@@ -15,6 +15,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Match, Pose, PoseEstimate
 from convseq_ros.node.conversions import (
     match_header,
+    path_message,
     point_message,
     pose_only_message,
     row_message,
@@ -22,7 +23,7 @@ from convseq_ros.node.conversions import (
 )
 from convseq_ros.node.topics import advertise, LATCHED
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, Vector3
+from geometry_msgs.msg import Vector3
 from nav_msgs.msg import Path
 from rclpy.node import Node
 from std_msgs.msg import ColorRGBA, Header
@@ -60,7 +61,9 @@ class MapTopics:
         self._posed += sum(place.pose is not None for place in new)
         self._length, self._published_s = length, now_s
         self._info.publish(map_info_message(reference_map, self._posed, frame_id))
-        message = path_message(reference_map, frame_id)
+        drive = _newest_drive(reference_map.places)
+        poses = ((place.stamp_ns, place.pose) for place in drive if place.pose)
+        message = path_message(poses, frame_id)
         if message.poses or self._has_path:
             self._path.publish(message)
         self._has_path = bool(message.poses)
@@ -85,21 +88,8 @@ def map_info_message(reference_map: ReferenceMap, posed: int, frame_id: str) -> 
     return row_message(Header(stamp=stamp, frame_id=frame_id), text, values)
 
 
-def path_message(reference_map: ReferenceMap, frame_id: str) -> Path:
-    """Return the poses of the newest drive that has any, thinned out to 5000, as one line."""
-    poses = [
-        PoseStamped(
-            header=Header(stamp=stamp_from_ns(place.stamp_ns), frame_id=frame_id),
-            pose=pose_only_message(place.pose),
-        )
-        for place in _newest_drive(reference_map.places)
-        if place.pose
-    ]
-    stamp = poses[-1].header.stamp if poses else stamp_from_ns(0)
-    return Path(header=Header(stamp=stamp, frame_id=frame_id), poses=poses)
-
-
 def _newest_drive(places: Sequence[Place]) -> Sequence[Place]:
+    """Return the places of the newest drive with a pose, thinned out to 5000."""
     end = len(places)
     while end:
         session = places[end - 1].session

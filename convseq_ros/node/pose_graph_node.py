@@ -14,17 +14,11 @@ if __name__ == '__main__':
     pose_graph_main()
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
-from convseq_ros.core.rigid import Matrix, matrix, pose_of
-from convseq_ros.core.types import UNKNOWN_M2
+from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import ConvseqError, with_traceback
 from convseq_ros.io.regular_file import complete_or_absent
-from convseq_ros.node.conversions import (
-    pose_only_message,
-    stamp_from_ns,
-    stamp_to_ns,
-    status_message,
-    type_name,
-)
+from convseq_ros.node.closures_heard import closure_of, closure_of_pair, uncertain_pose
+from convseq_ros.node.conversions import path_message, stamp_to_ns, status_message, type_name
 from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.map_to_odom import MapToOdom
 from convseq_ros.node.parameters import declare_group
@@ -36,7 +30,7 @@ from convseq_ros.node.topics import (
     SERVICE_QOS,
     steady_timer,
 )
-from convseq_ros.pose_graph.closures import Closure, Known
+from convseq_ros.pose_graph.closures import Known
 from convseq_ros.pose_graph.g2o import g2o
 from convseq_ros.pose_graph.graph import PoseGraph
 from convseq_ros.pose_graph.graph_file import load_graph, map_of, save_graph, tum
@@ -44,17 +38,14 @@ from convseq_ros.pose_graph.optimisation import need_gtsam
 from convseq_ros.pose_graph.problem import Problem
 from convseq_ros.sources.pose_track import pose_from_message
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
-import numpy as np
-from std_msgs.msg import Float64MultiArray, Header
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 _DEPTH = 1000
 _CLOSURES = 'vpr_node/closure_odometry'
-_SAME_PLACE = np.diag([UNKNOWN_M2] * 3 + [0.0] * 3)
-_TURN_KNOWN_RAD2 = 3.0
 _WAIT_S = 2.0  # at the end, for a solution that is being computed
 _PERIOD_S = 1.0  # of diagnostics, and of the path
 
@@ -149,44 +140,29 @@ class PoseGraphNode(ListeningNode):
             self._transform.publish(stamp_ns, self._frame, correction)
 
     def _on_closure(self, message: Any) -> None:
-        (session, reference_ns), (own, query_ns) = map(
-            _place_of, (message.header.frame_id, message.child_frame_id)
-        )
-        pose = pose_from_message(message.pose.pose)
-        covariance = np.reshape(message.pose.covariance, (6, 6))
-        if not (reference_ns and query_ns and pose and _is_covariance(covariance)):
+        if (found := closure_of(message, self._config.closure_sigma_rad)) is None:
             names = f'{message.header.frame_id!r}, {message.child_frame_id!r}'
             self._leave_out(
                 f'{_CLOSURES}: {names} are not two places, session/stamp_ns, with a pose'
             )
             return
-        if covariance[5, 5] > _TURN_KNOWN_RAD2:
-            covariance = covariance + _SAME_PLACE
-            covariance[3:, 3:] = np.eye(3) * self._config.closure_sigma_rad**2
+        own, closure = found
         with self._lock:
             if own:
                 self._graph.running.session = own
-            session = '' if session == own else session
-            self._graph.add_closure(
-                Closure(query_ns, reference_ns, matrix(pose), covariance, session)
-            )
+            self._graph.add_closure(closure)
 
     def _on_pair(self, message: Any) -> None:
-        if len(message.data) != 2 or not np.isfinite(message.data).all():
+        if (closure := closure_of_pair(message, self._config.closure_sigma_rad)) is None:
             self._leave_out(f'loop_closure: {[*message.data]} is not two times in seconds')
             return
-        query_ns, reference_ns = (round(seconds * 1e9) for seconds in message.data)
-        turn = np.diag([0.0] * 3 + [self._config.closure_sigma_rad**2] * 3)
         with self._lock:
-            self._graph.add_closure(Closure(query_ns, reference_ns, np.eye(4), _SAME_PLACE + turn))
+            self._graph.add_closure(closure)
 
     def _on_pose(self, message: Any) -> None:
-        pose = pose_from_message(message.pose.pose)
-        covariance = np.reshape(message.pose.covariance, (6, 6))
-        if pose and _is_covariance(covariance):
+        if found := uncertain_pose(message):
             with self._lock:
-                stamp_ns = stamp_to_ns(message.header.stamp)
-                self._graph.add_pose(stamp_ns, matrix(pose), covariance)
+                self._graph.add_pose(stamp_to_ns(message.header.stamp), *found)
 
     def _on_map(self, message: Any) -> None:
         """Learn which map it is, and which of its sessions this drive makes."""
@@ -265,7 +241,9 @@ class PoseGraphNode(ListeningNode):
                 poses = self._graph.corrected(drive)
                 stamps = [drive.stamps[at] for at in drive.keyframes]
         if poses is not None:
-            self._path.publish(path_message(stamps, poses, self._config.map_frame))
+            self._path.publish(
+                path_message(zip(stamps, map(pose_of, poses), strict=True), self._config.map_frame)
+            )
         level, text = self._state(values)
         values |= {'solve_ms': self._solve_ms, 'update_ms': self._update_ms}
         values |= {'odom': self._odometry.topic, 'graph_file': self._config.graph_file}
@@ -309,29 +287,6 @@ class PoseGraphNode(ListeningNode):
                     part.write_text(''.join(f'{line}\n' for line in lines), encoding='utf-8')
                 written.append(name)
         return ', '.join(written) and f'written: {", ".join(written)}'
-
-
-def path_message(stamps_ns: list[int], poses: Matrix, frame_id: str) -> PathMessage:
-    """Return poses (n, 4, 4) as a path."""
-    stamped = [
-        PoseStamped(
-            header=Header(stamp=stamp_from_ns(stamp_ns), frame_id=frame_id),
-            pose=pose_only_message(pose_of(pose)),
-        )
-        for stamp_ns, pose in zip(stamps_ns, poses, strict=True)
-    ]
-    return PathMessage(header=stamped[-1].header, poses=stamped)
-
-
-def _place_of(name: str) -> tuple[str, int]:
-    """Return the session and the stamp of `session/stamp_ns`; 0 if it has no stamp."""
-    session, _, stamp = name.rpartition('/')
-    return session, int(stamp) if stamp.isdecimal() else 0
-
-
-def _is_covariance(matrix_: Matrix) -> bool:
-    """Return whether a matrix (6, 6) is finite, and no variance is negative."""
-    return bool(np.isfinite(matrix_).all() and np.linalg.eigvalsh(matrix_).min() >= -1e-6)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -11,11 +11,10 @@ from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.pose.estimate import with_map_errors
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match, PoseEstimate
+from convseq_ros.node.closure_messages import closure_message, closure_odometry_message
 from convseq_ros.node.conversions import (
     answer_message,
     candidates_message,
-    closure_message,
-    closure_odometry_message,
     image_message,
     is_old_enough,
     loop_closure_message,

@@ -141,7 +141,7 @@ def keyframe(store, ident, stamp_ns):
 
 def closure_to(session, confidence=0.75):
     """Return `~/closure` as the node sends it, without a pose, to a place of a session."""
-    from convseq_ros.node.conversions import CLOSURE as ROW
+    from convseq_ros.node.closure_messages import CLOSURE as ROW
     from convseq_ros.node.conversions import cloud_message
     from std_msgs.msg import Header
 
