@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 import random
+import re
 from typing import Any
 
 from convseq_ros.sources.images import ENCODINGS
@@ -35,6 +36,10 @@ _FLOATS = (
     0.0, 1.0, -1.0, 500.0, 5e-324, 2.2e-308, 1e-300, 1e308, float('inf'), float('-inf'),
     float('nan'),
 )  # fmt: skip
+_NUMBERS: dict[str, tuple[Any, ...]] = {
+    'double': _FLOATS, 'int32': (-(2**31), -1, 0, 1, 2**31 - 1), 'uint32': (0, 1, 480, 2**32 - 1),
+}  # fmt: skip
+_TOPICS = {Odometry: '/odom', CameraInfo: '/camera_info', Clock: '/clock', Image: _DEPTH}
 _FIRST_NS, _LAST_NS = -(2**31) * 10**9, 2**31 * 10**9 - 1
 _JUMPS_NS = (10**8, 10**8, 10**8, 0, 1, -1, -(10**9) - 1, 10**9, 10**12, -(10**12), 10**18)
 _SERVICES = {
@@ -51,15 +56,15 @@ class Sender:
         self._sent, self._stamp_ns, self._before_mb = 0, 10**18, one.resident_mb()
         self._clients: dict[str, Any] = {}
         self._publishers = {
-            kind: one.node.create_publisher(kind, topic, 10) for kind, (topic, _) in _ODD.items()
+            kind: one.node.create_publisher(kind, topic, 10) for kind, topic in _TOPICS.items()
         }
 
     def images(self) -> tuple[list[str], str]:
         """Send a burst of odd images; all of them must be accounted for."""
         is_camera = self._draw.random() < _SHARE_OF_CAMERAS
         message, burst = (_camera_image if is_camera else _odd_image)(self._draw)
-        self._publishers[Odometry].publish(_odometry(self._draw))
-        self._publishers[CameraInfo].publish(_camera_info(self._draw))
+        for kind in (Odometry, CameraInfo):
+            self._publishers[kind].publish(_odd(kind, self._draw))
         for _ in range(burst):
             self.one.camera.publish(message)
         self._sent += burst
@@ -77,8 +82,9 @@ class Sender:
 
     def message(self) -> tuple[list[str], str]:
         """Publish an odd message that is no image of the camera."""
-        kind = self._draw.choice([*_ODD])
-        self._publishers[kind].publish(_ODD[kind][1](self._draw))
+        kind = self._draw.choice([*_TOPICS])
+        odd = _odd_image(self._draw)[0] if kind is Image else _odd(kind, self._draw)
+        self._publishers[kind].publish(odd)
         return [kind.__name__], self._unanswered()
 
     def set_clock(self) -> tuple[list[str], str]:
@@ -200,27 +206,23 @@ def _odd_image(draw: random.Random) -> tuple[Image, int]:
     return message, min(burst, 10) if data.size > 1_000_000 else burst
 
 
-def _odometry(draw: random.Random) -> Odometry:
-    message = Odometry()
-    message.header.stamp.sec = draw.choice((0, 1, -1, 2**31 - 1))
-    message.pose.pose.position.x = draw.choice(_FLOATS)
-    message.pose.pose.orientation.w = draw.choice(_FLOATS)
+def _odd(kind: type, draw: random.Random) -> Any:
+    """Return a message of which one, two or all numbers, at any depth, are odd."""
+    message: Any = kind()
+    numbers = [*_numbers(message)]
+    for owner, name, odd, count in draw.sample(numbers, draw.choice((1, 2, len(numbers)))):
+        drawn = [draw.choice(odd) for _ in range(count or 1)]
+        setattr(owner, name, drawn if count else drawn[0])
     return message
 
 
-def _camera_info(draw: random.Random) -> CameraInfo:
-    message = CameraInfo(height=draw.choice((0, 1, 480, 2**32 - 1)), width=draw.choice((0, 640)))
-    message.k = [draw.choice(_FLOATS) for _ in range(9)]
-    message.p = [draw.choice(_FLOATS) for _ in range(12)]
-    message.binning_x = draw.choice((0, 1, 2**32 - 1))
-    message.roi.width = message.roi.height = draw.choice((0, 1, 2**32 - 1))
-    return message
-
-
-def _clock(draw: random.Random) -> Clock:
-    message = Clock()
-    message.clock.sec = draw.choice((-(2**31), -1, 0, 1, 2**31 - 1))
-    return message
+def _numbers(message: Any) -> Iterator[tuple[Any, str, tuple[Any, ...], int]]:
+    """Yield owner, name, odd values and count, 0 for one, of each field of numbers."""
+    for name, kind in message.get_fields_and_field_types().items():
+        if hasattr(value := getattr(message, name), 'get_fields_and_field_types'):
+            yield from _numbers(value)
+        elif (found := re.fullmatch(r'(\w+?)(?:\[(\d+)\])?', kind)) and found[1] in _NUMBERS:
+            yield message, name, _NUMBERS[found[1]], int(found[2] or 0)
 
 
 def _request(name: str, draw: random.Random, folder: Path) -> object:
@@ -238,13 +240,6 @@ def _request(name: str, draw: random.Random, folder: Path) -> object:
     return Trigger.Request()
 
 
-# Topics, and what makes odd messages for them.
-_ODD: dict[type, tuple[str, Callable[[random.Random], Any]]] = {
-    Odometry: ('/odom', _odometry),
-    CameraInfo: ('/camera_info', _camera_info),
-    Clock: ('/clock', _clock),
-    Image: (_DEPTH, lambda draw: _odd_image(draw)[0]),
-}
 _WITH_DEPTH = {'use_sim_time': True, 'depth_topic': _DEPTH}
 ATTACKS = {
     'images': Attack(
