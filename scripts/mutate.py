@@ -33,11 +33,13 @@ CONCERN = {
     'decision/odometry_prior.py': 'decision/test_odometry_prior decision/test_belief_decider',
     'decision/paper': 'decision/test_decider test_sequence',
     'decision/paper/query_buffer.py': 'test_sequence decision/test_observation test_recognizer',
-    'pose': 'test_relative_geometry test_pose test_image_pose',
-    'map': 'test_map_file test_reference_map test_hostile_map test_autosave test_links',
+    'pose': 'test_relative_geometry test_pose test_estimate test_image_pose',
+    'map': 'test_map_file test_reference_map test_hostile_map test_damaged_log test_autosave '
+    'test_links test_stored_links',
     'map/online.py': 'test_recent_places test_pruning test_rounds test_pipeline',
     'map/pruning.py': 'test_pruning',
-    'map/edit.py': 'test_links test_pruning test_map_builder ../cli/test_sessions',
+    'map/edit.py': 'test_links test_stored_links test_pruning test_map_builder '
+    '../cli/test_sessions',
 }
 LONGEST_S = 300  # of processor time
 OTHER = {

@@ -1,0 +1,133 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Links of a map that is there: taken out, made again, limited, counted and drawn."""
+
+import json
+
+from convseq_ros.cli import main
+from convseq_ros.cli.map_picture import laid_out
+from convseq_ros.core.map import edit
+from convseq_ros.core.map.edit import relinked, unlink
+from convseq_ros.core.map.place import Place
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.map_builder import not_linked
+import numpy as np
+import pytest
+
+ROUND = 32
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Return a map of three rounds."""
+    return in_rounds(tmp_path / 'map.db', 3)
+
+
+def in_rounds(path, rounds):
+    """Make a map of some rounds, a session each, of which all but the first are linked."""
+    rng, whole = np.random.default_rng(0), ReferenceMap()
+    cells = rng.random((ROUND, 32, 32, 8)).astype(np.float16)
+    for number in range(rounds):
+        whole.begin_session(number * 10**12, name=f'round {number}')
+        for at in range(ROUND):
+            index = len(whole)
+            whole.add(Place(number * 10**12 + at, session=number), cells[at])
+            if number:
+                whole.links.add(index, index - ROUND, 0.95, 40)
+            else:
+                whole.links.add_first(index)
+    save_map(whole, path)
+    return path
+
+
+def test_one_link_goes_for_good_and_what_hung_on_it_keeps_its_own(path, capsys):
+    assert main(['map', 'unlink', str(path), '--place', str(ROUND + 5)]) == 0
+    assert '1 of 64 links taken out' in capsys.readouterr().out
+    left = open_map(path)
+    assert len(left.links) == 63 and left.links.anchor(ROUND + 5) == ROUND + 5
+    # The look of the third round hung on it, and has a new anchor; the others' stay.
+    assert left.links.anchor(2 * ROUND + 5) == ROUND + 5
+    assert left.links.anchor(2 * ROUND + 6) == 6
+    assert left.is_linked and not not_linked(left)
+    assert left.links.details(ROUND + 6).confidence == 0.95
+
+
+def test_linking_again_replaces_all_links_but_those_that_were_taken_out(path, capsys):
+    assert main(['map', 'unlink', str(path), '--place', str(ROUND + 5)]) == 0
+    assert main(['map', 'unlink', str(path), '--place', str(ROUND + 6)]) == 0
+    assert main(['map', 'remove', str(path), '--session', 'round 2']) == 0  # marks are carried on
+    kept = [open_map(path).links.is_unlinked(at) for at in range(2 * ROUND)]
+    assert kept == [at in (ROUND + 5, ROUND + 6) for at in range(2 * ROUND)]
+    before = path.read_bytes()
+    assert main(['map', 'link', str(path)]) == 0 and path.read_bytes() == before
+    with pytest.raises(RuntimeError), relinked(path):
+        raise RuntimeError  # such as Ctrl-C
+    assert path.read_bytes() == before
+    capsys.readouterr()
+    assert main(['map', 'link', str(path), '--again', '--json']) == 0
+    links = json.loads(capsys.readouterr().out)
+    linked = {one['place'] for one in links}
+    assert linked > {*range(ROUND + 10, 2 * ROUND)} and linked.isdisjoint((ROUND + 5, ROUND + 6))
+    assert all(one['other'] == one['place'] - ROUND for one in links)
+    assert all(one['confidence'] != 0.95 for one in links)  # that of the links before
+    again = open_map(path)
+    assert again.is_linked and again.links.is_unlinked(ROUND + 5)
+
+
+def test_links_of_a_session_go_or_all_which_are_looked_up_anew_then(path, capsys):
+    assert main(['map', 'unlink', str(path), '--session', 'round 2']) == 0
+    left = open_map(path)
+    assert {place for place, _ in left.links} == {*range(ROUND, 2 * ROUND)}
+    assert main(['map', 'unlink', str(path)]) == 0
+    left = open_map(path)
+    assert not len(left.links) and len(not_linked(left)) == 3
+    assert '32 of 32 links taken out; convseq map link' in capsys.readouterr().out
+
+
+def test_a_place_without_a_link_is_one_line_and_nothing_changes(path, capsys):
+    before = path.read_bytes()
+    assert main(['map', 'unlink', str(path), '--place', '3']) == 1
+    assert 'place 3 has no link' in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+def test_a_merged_map_is_written_once_without_what_is_beyond_a_number(path, monkeypatch, capsys):
+    merged, written = path.with_name('merged.db'), []
+    monkeypatch.setattr(edit, 'save_map', lambda *of: written.append(of) or save_map(*of))
+    assert main(['map', 'merge', str(path), '-o', str(merged), '--max-looks', '2']) == 0
+    assert '64 keyframes' in capsys.readouterr().out and len(written) == 1
+    assert main(['map', 'remove', str(path), '--max-looks', '2']) == 0
+    left, expected = open_map(merged), open_map(path)
+    assert [*left.places] == [*expected.places] and [*left.links] == [*expected.links]
+
+
+def test_a_merged_map_keeps_eight_looks_of_a_place_unless_all_are_asked_for(tmp_path):
+    path = in_rounds(tmp_path / 'map.db', 10)
+    for asked, kept in ((), 8), (('--max-looks', '0'), 10):
+        merged = tmp_path / f'{kept}.db'
+        assert main(['map', 'merge', str(path), '-o', str(merged), *asked]) == 0
+        assert len(open_map(merged)) == kept * ROUND
+
+
+def test_info_counts_places_and_draws_them_by_their_links(path, tmp_path, capsys):
+    pytest.importorskip('matplotlib')
+    picture = tmp_path / 'map.svg'
+    assert main(['info', str(path), '--picture', str(picture)]) == 0
+    said = capsys.readouterr()
+    assert '96 keyframes, 32 places, each passed 3.0 times; 64 links, 64 between' in said.out
+    assert 'laid out by its links' in said.err and picture.stat().st_size > 5_000
+
+
+def test_a_layout_keeps_distances_along_a_drive_and_brings_looks_together(path):
+    whole = open_map(path)
+    points = laid_out(whole)
+    for at in range(ROUND):
+        near = [np.linalg.norm(points[at] - points[at + off]) for off in (ROUND, 2 * ROUND)]
+        assert max(near) < 1.0
+    long = np.linalg.norm(points[0] - points[ROUND - 1])
+    assert long == pytest.approx(ROUND - 1, rel=0.05)
+    unlink(path)
+    apart = laid_out(open_map(path))  # three drives that share nothing lie side by side
+    assert len({tuple(point.round(3)) for point in apart.values()}) == 3 * ROUND
