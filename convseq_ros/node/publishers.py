@@ -23,6 +23,7 @@ from convseq_ros.node.conversions import (
 )
 from convseq_ros.node.map_topics import MapTopics, MatchMarkers
 from convseq_ros.node.match_picture import match_picture
+from convseq_ros.node.recognition import Answered
 from convseq_ros.node.topics import advertise
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -58,26 +59,19 @@ class MatchPublishers:
         self._markers = MatchMarkers(node)
         self.map_topics = MapTopics(node)
 
-    def publish(
-        self,
-        frame: Frame,
-        match: Match,
-        recognizer: PlaceRecognizer,
-        duration_ms: float,
-        latency_ms: float,
-    ) -> PoseEstimate | None:
+    def publish(self, answered: Answered) -> PoseEstimate | None:
         """Publish the answer to a frame, -1 and 0 for none; return the estimated pose, if any."""
+        frame, match, recognizer = answered.frame, answered.match, answered.recognizer
         best, accepted, config = match.best, match.accepted, self.config
         reference_map, send = recognizer.reference_map, self._send
         places, model_ms = reference_map.places, recognizer.model_ms
-        send(
-            '~/answer',
-            partial(answer_message, match, duration_ms, reference_map, config.map_frame, model_ms),
-        )
+        took_ms, map_frame = answered.duration_ms, config.map_frame
+        answer = partial(answer_message, match, took_ms, reference_map, map_frame, model_ms)
+        send('~/answer', answer)
         send('~/match_index', lambda: Int32(data=accepted.reference_index if accepted else -1))
         send('~/match_score', lambda: Float32(data=best.score if best else 0.0))
         send('~/confidence', lambda: Float32(data=match.confidence or 0.0))
-        send('~/latency_ms', lambda: Float32(data=latency_ms))
+        send('~/latency_ms', lambda: Float32(data=answered.latency_ms))
         send('~/sequence_length', lambda: UInt32(data=match.sequence_length))
         send('~/candidates', partial(candidates_message, match, places, config.map_frame))
         estimate = self._publish_accepted(match, accepted, recognizer) if accepted else None

@@ -32,7 +32,6 @@ from convseq_ros.sources.raw_message import RawMessage
 
 _LOG_PERIOD_S = 5.0
 _PATIENCE_S = 5.0  # at the end, for the place that is being linked
-Publish = Callable[[Frame, Match, PlaceRecognizer, float, float], None]
 
 
 class ResultLog:
@@ -136,19 +135,25 @@ class Arrival:
     number: int  # messages before it, including dropped ones
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Answered:
+    """A frame and its answer."""
+
+    frame: Frame
+    match: Match
+    recognizer: PlaceRecognizer  # that made it
+    duration_ms: float  # of the work
+    latency_ms: float  # since the image arrived
+
+
 @dataclass(eq=False)
 class Recognition:
-    """
-    Answers frames one after another; neither a broken frame nor a full disk stops it.
-
-    `publish` gets each frame, its match, the recogniser that made it, the time that this took, and
-    the time since the image arrived, in milliseconds.
-    """
+    """Answers frames one after another; neither a broken frame nor a full disk stops it."""
 
     session: Pipeline  # the current one
     context: FrameContext
     results: ResultLog  # gets a row for every answer
-    publish: Publish
+    publish: Callable[[Answered], None]
     statistics: Statistics
     logger: Any
     ros_is_up: Callable[[], bool]  # False when the node is about to end
@@ -246,7 +251,8 @@ class Recognition:
         match = replace(match, query_index=arrival.number)
         self.results.write(match, duration_ms)
         latency_ms = (time.monotonic_ns() - arrival.arrival_ns) / 1e6
-        self.publish(frame, match, cameras.of(frame.source), duration_ms, latency_ms)
+        recognizer = cameras.of(frame.source)
+        self.publish(Answered(frame, match, recognizer, duration_ms, latency_ms))
         self.statistics.answered(match, arrival.arrival_ns, duration_ms)
 
     def _drop_model(self, error: ModelError) -> None:

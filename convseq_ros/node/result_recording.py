@@ -11,6 +11,7 @@ from convseq_ros.core.types import Frame, Match
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.node.conversions import type_name
 from convseq_ros.node.publishers import MatchPublishers
+from convseq_ros.node.recognition import Answered
 from convseq_ros.sources.topics import typestore
 from rclpy.serialization import serialize_message
 
@@ -42,7 +43,7 @@ class ResultRecording:
     ) -> None:
         self._stamp_ns = match.query_stamp_ns
         # Offline no image waits: its latency is the time that it takes.
-        self._publishers.publish(frame, match, recognizer, duration_ms, duration_ms)
+        self._publishers.publish(Answered(frame, match, recognizer, duration_ms, duration_ms))
 
     def create_publisher(self, kind: type, topic: str, _qos: Any, **_events: Any) -> '_Channel':
         """Return a publisher that writes to the file."""

@@ -19,8 +19,6 @@ from convseq_ros.config import Config
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.encoding.view import masked
 from convseq_ros.core.pipeline import Pipeline
-from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.models.onnx_model import open_model
@@ -34,7 +32,7 @@ from convseq_ros.node.measured_transform import MeasuredTransform
 from convseq_ros.node.parameters import declare
 from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers
-from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
+from convseq_ros.node.recognition import Answered, Arrival, Recognition, ResultLog
 from convseq_ros.node.running import run_until_signal
 from convseq_ros.node.stamps import Stamps
 from convseq_ros.node.topic_finder import Change, TopicFinder
@@ -219,20 +217,14 @@ class VprNode(ManagedNode):
         if self._is_open and not (self._listening or self._is_managed):
             self.listen()
 
-    def _publish(
-        self,
-        frame: Frame,
-        match: Match,
-        recognizer: PlaceRecognizer,
-        duration_ms: float,
-        latency_ms: float,
-    ) -> None:
+    def _publish(self, answered: Answered) -> None:
+        match = answered.match
         if match.accepted:
             self._finder.settle()
-        estimate = self._answers.publish(frame, match, recognizer, duration_ms, latency_ms)
+        estimate = self._answers.publish(answered)
         self._localization.update(match, estimate)
         if self._transform and estimate:
-            self._transform.update(frame, match, estimate)
+            self._transform.update(answered.frame, match, estimate)
 
     def _on_image(self, message: RawMessage, topic: str) -> None:
         arrival_ns = time.monotonic_ns()

@@ -8,6 +8,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match, Pose, PoseEstimate, Reason
 from convseq_ros.node.publishers import MatchPublishers
+from convseq_ros.node.recognition import Answered
 import numpy as np
 from pictures import scene
 import pytest
@@ -47,7 +48,8 @@ def publish():
         stamp_ns = frame.stamp_ns
         match = Match(7, stamp_ns, reason, candidates, 3, confidence=confidence, pose=pose)
         topics = Topics()
-        MatchPublishers(topics, NodeConfig(), str).publish(frame, match, recognizer, 4.0, 12.5)
+        answered = Answered(frame, match, recognizer, 4.0, 12.5)
+        MatchPublishers(topics, NodeConfig(), str).publish(answered)
         return places.sessions[0].id, topics.messages
 
     return run

@@ -55,8 +55,9 @@ class Setup:
             self.ros_is_up,
         )
 
-    def publish(self, frame, match, recognizer, *_times):
-        self.published.append((frame, match, len(recognizer.reference_map)))
+    def publish(self, answered):
+        size = len(answered.recognizer.reference_map)
+        self.published.append((answered.frame, answered.match, size))
 
     def handle(self, message, number):
         cdr = RawMessage(0, IMAGE, serialize_message(message))
