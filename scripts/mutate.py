@@ -1,47 +1,43 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Do the tests see a fault? Change one operator of the code at a time, and run the tests of it.
+Do the tests see a fault? Change one operator of a function at a time, and run its tests.
 
-Usage: python scripts/mutate.py [--count 300] [--seed 1] [--folders decision pose map], an hour on
-an idle core. A mutant lives only in the memory of a child process; files are not touched. It is
-caught if a test fails or does not end. It prints those that live, as FILE:LINE change, and the
-share that is caught.
+Usage: python scripts/mutate.py [--count 300] [--seed 1] [--folders decision pose map]
+[--seconds 60] [--only FILE:LINE ...] [--record FILE]; an hour of a core. First the tests of the
+core run once, which records the functions that each test calls. Then each mutant meets the tests
+that call it, the quickest first, as many as take so many seconds. It lives only in the memory of a
+child process; files are not touched. It is caught if a test fails or does not end. It prints those
+that live, as FILE:LINE change, and the share that is caught.
+
+`--only` tries mutants of these lines of the sample again. `--record` keeps the record in a file,
+with which the next run begins; tests that are not in it always run.
 """
 
 import argparse
 import ast
+from collections import Counter
 from collections.abc import Iterator
 import contextlib
+import gc
 import importlib.util
+import json
 import os
 from pathlib import Path
 import random
+import shutil
 import signal
 import sys
+import tempfile
+import threading
 import time
-from types import ModuleType
+from types import CodeType, FrameType, FunctionType
+
+import pytest
 
 TESTS = Path(__file__).resolve().parents[1] / 'test'
-# The tests of a file or folder, the quickest first; the longest name that fits counts.
-CONCERN = {
-    'decision': 'decision/test_observation decision/test_belief_decider test_keypoints',
-    'decision/belief.py': 'decision/test_belief decision/test_belief_decider',
-    'decision/likelihood.py': 'decision/test_likelihood decision/test_observation test_keypoints',
-    'decision/localizer.py': 'decision/test_localizer test_recognizer',
-    'decision/odometry_jump.py': 'decision/test_odometry_jump decision/test_odometry_prior',
-    'decision/odometry_prior.py': 'decision/test_odometry_prior decision/test_belief_decider',
-    'decision/paper': 'decision/test_decider test_sequence',
-    'decision/paper/query_buffer.py': 'test_sequence decision/test_observation test_recognizer',
-    'pose': 'test_relative_geometry test_pose test_estimate test_image_pose',
-    'map': 'test_map_file test_reference_map test_hostile_map test_damaged_log test_autosave '
-    'test_links test_stored_links',
-    'map/online.py': 'test_recent_places test_pruning test_rounds test_pipeline',
-    'map/pruning.py': 'test_pruning',
-    'map/edit.py': 'test_links test_stored_links test_pruning test_map_builder '
-    '../cli/test_sessions',
-}
-LONGEST_S = 300  # of processor time
+TESTED_BY = 'core', 'cli/test_sessions.py'
+TOO_SLOW = 'test_golden', 'test_large_map', 'test_compiled', 'test_kernels', 'test_coherent'
 OTHER = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
     ast.FloorDiv: ast.Mult, ast.Mod: ast.Mult, ast.Pow: ast.Mult, ast.MatMult: ast.Add,
@@ -50,25 +46,29 @@ OTHER = {
     ast.NotIn: ast.In, ast.And: ast.Or, ast.Or: ast.And, ast.BitAnd: ast.BitOr,
     ast.BitOr: ast.BitAnd,
 }  # fmt: skip
+Functions = set[tuple[str, int]]  # file and first line of each
+Site = tuple[ast.AST, list[ast.FunctionDef]]  # what can be changed, and the functions around it
 
 
-def sites(tree: ast.AST) -> Iterator[ast.AST]:
+def sites(node: ast.AST, around: list[ast.FunctionDef] | None = None) -> Iterator[Site]:
     """Yield what can be changed: operators, conditions and calls whose result is not used."""
-    for node in ast.walk(tree):
-        for name in ('returns', 'annotation'):  # types are no code
-            if hasattr(node, name):
-                setattr(node, name, None if name == 'returns' else ast.Constant(None))
-    for node in ast.walk(tree):
-        if isinstance(node, ast.BinOp | ast.AugAssign | ast.BoolOp) and type(node.op) in OTHER:
-            yield node
-        elif isinstance(node, ast.Compare) and type(node.ops[0]) in OTHER:
-            yield node
-        elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not):
-            yield node
-        elif isinstance(node, ast.If | ast.IfExp):
-            yield node
-        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
-            yield node
+    around = around or []
+    is_operator = isinstance(node, ast.BinOp | ast.AugAssign | ast.BoolOp)
+    if around and (
+        (is_operator and type(node.op) in OTHER)
+        or (isinstance(node, ast.Compare) and type(node.ops[0]) in OTHER)
+        or (isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not))
+        or isinstance(node, ast.If | ast.IfExp)
+        or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Call))
+    ):
+        yield node, around
+    if isinstance(node, ast.FunctionDef):
+        inside, around = node.body, [*around, node]
+    else:
+        inside = ast.iter_child_nodes(node)
+    for child in inside:
+        if child is not getattr(node, 'annotation', None):
+            yield from sites(child, around)
 
 
 def changed(node: ast.AST) -> str:
@@ -83,95 +83,210 @@ def changed(node: ast.AST) -> str:
         if isinstance(node.op, ast.Not):
             node.operand = ast.UnaryOp(ast.Not(), node.operand)
     elif isinstance(node, ast.Expr):
-        node.value = ast.Constant(None)
+        call = node.value  # is still named: what a function encloses stays the same
+        node.value = ast.BoolOp(ast.And(), [ast.Constant(None), call])
     else:
         node.test = ast.UnaryOp(ast.Not(), node.test)
     return f'{before}  ->  {ast.unparse(node).splitlines()[0]}'
 
 
-class Mutant:
-    """An import hook that gives one module changed."""
-
-    def __init__(self, name: str, tree: ast.Module, path: Path) -> None:
-        self._name, self._code = name, compile(ast.fix_missing_locations(tree), str(path), 'exec')
-        self._path = path
-
-    def find_spec(self, name: str, _path: object = None, _target: object = None) -> object:
-        if name != self._name:
-            return None
-        return importlib.util.spec_from_file_location(name, self._path, loader=self)
-
-    def create_module(self, _spec: object) -> None:
-        return None
-
-    def exec_module(self, module: ModuleType) -> None:
-        exec(self._code, module.__dict__)
+def first_line(function: ast.FunctionDef) -> int:
+    """Return the first line of a function, as its code object has it."""
+    return min([function.lineno, *(one.lineno for one in function.decorator_list)])
 
 
-def lives(mutant: Mutant | None, tests: list[str]) -> bool:
-    """Run tests in a child; return whether all pass."""
-    child = os.fork()
-    if child == 0:
-        os.setsid()
-        signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
-        signal.signal(signal.SIGPROF, lambda *_: os._exit(1))
-        with open(os.devnull, 'w') as null:
-            os.dup2(null.fileno(), 1)
-            os.dup2(null.fileno(), 2)
-        if mutant:
-            sys.meta_path.insert(0, mutant)
-        del sys.path[0]  # this folder, whose modules have names of those of the tests
-        import pytest
+@contextlib.contextmanager
+def mutant(path: Path, tree: ast.Module, function: ast.FunctionDef) -> Iterator[None]:
+    """Give a function, if it is imported, the code that it has in a changed tree."""
 
-        code = 1
-        with contextlib.suppress(BaseException):
-            options = '-x', '-q', '-p', 'no:cacheprovider', '-p', 'no:xdist', '--tb=no'
-            code = int(pytest.main([*options, '--hypothesis-profile=few', *tests]))
-        os._exit(code)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    def found_in(code: CodeType) -> Iterator[CodeType]:
+        for inner in code.co_consts:
+            if isinstance(inner, CodeType):
+                if (inner.co_name, inner.co_firstlineno) == (function.name, first_line(function)):
+                    yield inner
+                yield from found_in(inner)
+
+    (new,) = found_in(compile(ast.fix_missing_locations(tree), str(path), 'exec'))
+    alike = str(path), function.name, first_line(function)
+    live = [
+        (one, one.__code__)
+        for one in gc.get_objects()
+        if isinstance(one, FunctionType)
+        and (one.__code__.co_filename, one.__code__.co_name, one.__code__.co_firstlineno) == alike
+    ]
+    for one, _ in live:
+        one.__code__ = new
+    try:
+        yield
+    finally:
+        for one, old in live:
+            one.__code__ = old
 
 
-def concern(name: str) -> list[str]:
-    """Return the tests of a file of the core."""
-    (best,) = sorted((key for key in CONCERN if name.startswith(key)), key=len)[-1:]
-    return [str(TESTS / 'core' / f'{test}.py') for test in CONCERN[best].split()]
+class Recorder:
+    """A plugin of pytest: which functions each test calls, and how long it takes."""
+
+    def __init__(self, core: Path) -> None:
+        self._core, self._called = f'{core}/', Functions()
+        self._by_fixtures: dict[str, Functions] = {}  # by file
+        self._by_tests: dict[str, Functions] = {}
+        self._took_s = Counter[str]()
+
+    @property
+    def record(self) -> dict[str, tuple[float, list]]:
+        """By test: its seconds, and what it and the fixtures of its file call."""
+        return {
+            test: (round(self._took_s[test], 3), sorted(called | self._by_fixtures[file_of(test)]))
+            for test, called in self._by_tests.items()
+        }
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_setup(self, item: pytest.Item) -> Iterator[None]:
+        called = self._by_fixtures.setdefault(file_of(item.nodeid), set())
+        yield from self._recorded(item.nodeid, called)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
+        yield from self._recorded(item.nodeid, self._by_tests.setdefault(item.nodeid, set()))
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.failed:
+            print(report.longrepr, report.nodeid, sep='\n', file=sys.stderr)
+
+    def _recorded(self, test: str, called: Functions) -> Iterator[None]:
+        self._called, begun_s = called, time.process_time()
+        threading.settrace(self._trace)
+        sys.settrace(self._trace)
+        try:
+            yield
+        finally:
+            sys.settrace(None)
+            threading.settrace(None)
+            self._took_s[test] += time.process_time() - begun_s
+
+    def _trace(self, frame: FrameType, _event: str, _argument: object) -> None:
+        code = frame.f_code
+        if code.co_filename.startswith(self._core):
+            self._called.add((code.co_filename.removeprefix(self._core), code.co_firstlineno))
+
+
+def file_of(test: str) -> str:
+    """Return the file of a test."""
+    return test.split('::')[0]
+
+
+class Mutants:
+    """A plugin of pytest: runs tests once for each mutant, not once."""
+
+    def __init__(self, chosen: argparse.Namespace) -> None:
+        (package,) = importlib.util.find_spec('convseq_ros').submodule_search_locations
+        self._core, self._chosen, self._record = Path(package, 'core'), chosen, {}
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Make a sample of mutants, and count those that tests catch."""
+        path = self._chosen.record
+        if not path.exists() and not self._passes(session, session.items, Recorder(self._core)):
+            raise pytest.Exit('a test fails without a fault: mend it first')
+        self._record = json.loads(path.read_text())
+        caught, count, begun_s = 0, 0, time.monotonic()
+        for path, number in self._sample():
+            tree, name = ast.parse(path.read_text()), path.relative_to(self._core).as_posix()
+            site, around = list(sites(tree))[number]
+            if self._chosen.only and f'{name}:{site.lineno}' not in self._chosen.only:
+                continue
+            what, tests = changed(site), self._tests(name, first_line(around[-1]), session.items)
+            with mutant(path, tree, around[0]):
+                lives = self._passes(session, tests)
+            caught, count = caught + (not lives), count + 1
+            if lives:
+                print(f'lives: {name}:{site.lineno} {what} ({len(tests)} tests)', flush=True)
+            if count % 10 == 0:
+                minutes = (time.monotonic() - begun_s) / 60
+                print(f'{caught} of {count} caught, {minutes:.0f} min', flush=True)
+        print(f'{caught} of {count} caught')
+        return True
+
+    def _sample(self) -> list[tuple[Path, int]]:
+        """Return files and the numbers of their sites."""
+        folders = [self._core / name for name in self._chosen.folders]
+        every = [
+            (path, number)
+            for folder in folders
+            for path in sorted(folder.rglob('*.py'))
+            for number, _ in enumerate(sites(ast.parse(path.read_text())))
+        ]
+        return random.Random(self._chosen.seed).sample(every, min(self._chosen.count, len(every)))
+
+    def _tests(self, name: str, line: int, items: list[pytest.Item]) -> list[pytest.Item]:
+        """Return the tests that call a function, the quickest first, and those not recorded."""
+        took_s, of_file = {}, Counter[str]()
+        for item in items:
+            seconds, called = self._record.get(item.nodeid, (0.0, [[name, line]]))
+            if [name, line] in called:
+                took_s[item] = seconds
+                of_file[file_of(item.nodeid)] += seconds
+        tests, sum_s = [], 0.0
+        for item in sorted(  # those of a file together: they share fixtures
+            took_s, key=lambda one: (took_s[one] > 1, of_file[file_of(one.nodeid)], took_s[one])
+        ):
+            if sum_s + took_s[item] <= self._chosen.seconds or not tests:
+                tests.append(item)
+                sum_s += took_s[item]
+        return tests
+
+    def _passes(
+        self, session: pytest.Session, tests: list[pytest.Item], recorder: Recorder | None = None
+    ) -> bool:
+        """Run tests in a child, and record them if asked; return whether all pass."""
+        folder = tempfile.mkdtemp()
+        child = os.fork()
+        if child == 0:
+            os.setsid()
+            os.environ['PYTEST_DEBUG_TEMPROOT'] = folder
+            nothing = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nothing, 1)
+            if recorder:
+                session.config.pluginmanager.register(recorder)
+            else:
+                os.dup2(nothing, 2)
+                for number in signal.SIGPROF, signal.SIGALRM:
+                    signal.signal(number, lambda *_: os._exit(1))
+                signal.setitimer(signal.ITIMER_PROF, 3 * self._chosen.seconds)
+                signal.alarm(10 * self._chosen.seconds)
+            with contextlib.suppress(BaseException):
+                for item, following in zip(tests, [*tests[1:], None], strict=False):
+                    item.ihook.pytest_runtest_protocol(item=item, nextitem=following)
+                    if session.testsfailed:
+                        break
+                else:
+                    if recorder:
+                        self._chosen.record.write_text(json.dumps(recorder.record))
+                    os._exit(0)
+            os._exit(1)
+        status = os.waitpid(child, 0)[1]
+        with contextlib.suppress(ProcessLookupError):  # what it started
+            os.killpg(child, signal.SIGKILL)
+        shutil.rmtree(folder, ignore_errors=True)
+        return status == 0
 
 
 def main() -> None:
-    """Make a sample of mutants, and count those that tests catch."""
+    """Read the options, and have pytest collect the tests."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__.splitlines()[1])
     parser.add_argument('--count', type=int, default=300)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--folders', nargs='*', default=['decision', 'pose', 'map'])
-    chosen = parser.parse_args()
-    import cv2  # noqa: F401  # once for all children
-    import numpy as np  # noqa: F401
-
-    (package,) = importlib.util.find_spec('convseq_ros').submodule_search_locations
-    core = Path(package, 'core')
-    files = [path for name in chosen.folders for path in sorted((core / name).rglob('*.py'))]
-    every = [
-        (path, number)
-        for path in files
-        for number, _ in enumerate(sites(ast.parse(path.read_text())))
-    ]
-    sample = random.Random(chosen.seed).sample(every, min(chosen.count, len(every)))
-    for tests in {tuple(concern(path.relative_to(core).as_posix())) for path, _ in sample}:
-        if not lives(None, [*tests]):
-            raise SystemExit(f'without a fault, one of these fails: {" ".join(tests)}')
-    caught, begun_s = 0, time.monotonic()
-    for count, (path, number) in enumerate(sample, 1):
-        tree, name = ast.parse(path.read_text()), path.relative_to(core).as_posix()
-        site = list(sites(tree))[number]
-        what, line = changed(site), site.lineno
-        module = 'convseq_ros.core.' + name.removesuffix('.py').replace('/', '.')
-        if lives(Mutant(module.removesuffix('.__init__'), tree, path), concern(name)):
-            print(f'lives: {name}:{line} {what}', flush=True)
-        else:
-            caught += 1
-        if count % 10 == 0 or count == len(sample):
-            minutes = (time.monotonic() - begun_s) / 60
-            print(f'{caught} of {count} caught, {minutes:.0f} min', flush=True)
+    parser.add_argument('--seconds', type=int, default=60)
+    parser.add_argument('--only', nargs='*', metavar='FILE:LINE')
+    parser.add_argument('--record', type=Path, default=Path(tempfile.mkdtemp(), 'record.json'))
+    del sys.path[0]  # this folder, whose modules have names of those of the tests
+    options = '-s', '-p', 'no:terminal', '-p', 'no:cacheprovider', '-p', 'no:xdist'
+    steady = '--hypothesis-profile=few', '--hypothesis-seed=1'
+    tests = [str(TESTS / name) for name in TESTED_BY]
+    tests += [f'--ignore={TESTS}/core/{name}.py' for name in TOO_SLOW]
+    raise SystemExit(
+        pytest.main([*options, *steady, *tests], plugins=[Mutants(parser.parse_args())])
+    )
 
 
 if __name__ == '__main__':
