@@ -137,7 +137,6 @@ class Autosave(NoAutosave):
         with self._opened:
             self._refuse_replaced()
             self._refuse_overwritten()
-            self._writer.journal()
         keep_first(self._path, self.found)
 
     def _end_thread(self) -> None:

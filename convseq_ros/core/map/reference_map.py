@@ -63,7 +63,7 @@ class ReferenceMap:
         self.usual_mount: Pose | None = None
         self.links = Links(self.bounds.around)
         self.problem = ''  # one line about damage that does not prevent the use of the map
-        self.keeps_images = read_pictures is not None  # whether there may be images or depths
+        self.keeps_images = False  # whether there may be images or depths
         self.unreadable, self.unreadable_why = 0, ''
         # The newest image whose keypoints were detected, how many at most, and these.
         self._detected: tuple[Gray, int, StoredKeypoints] | None = None
