@@ -4,10 +4,12 @@
 
 import os
 import shutil
+import sqlite3
 
 from convseq_ros.core.map import autosave as module
-from convseq_ros.core.map import writer
+from convseq_ros.core.map import crash_recovery, writer
 from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.database import Database
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.errors import MapError
@@ -170,6 +172,18 @@ def test_a_file_that_was_replaced_is_reported_and_left_alone(path, tmp_path):
     assert holds(path) == 2
 
 
+def test_a_file_that_others_overwrite_is_given_up(path, tmp_path):
+    autosave, other = grown(path, 5), tmp_path / 'other.db'
+    save_map(drawn(9), other)
+    path.write_bytes(other.read_bytes())
+    grow(autosave.reference_map, 1)
+    for tell in (autosave.flush, autosave.save, autosave.close):
+        with pytest.raises(MapError, match=r'was cut short or overwritten .*it is another map'):
+            tell()
+    autosave.save()
+    assert path.read_bytes() == other.read_bytes()
+
+
 @pytest.fixture
 def killed(path):
     """Return a map whose owner ended when its places were in the log alone."""
@@ -226,6 +240,25 @@ def test_a_log_that_a_crash_left_is_read_and_the_file_is_not_changed(killed, is_
     content = killed.read_bytes()
     assert is_right(open_map(killed), 9)
     assert killed.read_bytes() == content
+
+
+@pytest.mark.parametrize('error', [sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY_CANTINIT])
+def test_where_the_memory_of_a_log_cannot_be_shared_a_copy_is_read(killed, monkeypatch, error):
+    def number(database, statement):
+        if database.mode == 'ro':
+            failed = sqlite3.OperationalError('not shared')
+            failed.sqlite_errorcode = error
+            raise failed
+        return Database.number(database, statement)
+
+    class Unshared(Database):
+        def __init__(self, path, mode):
+            super().__init__(path, mode)
+            self.mode = mode
+
+    Unshared.number = number
+    monkeypatch.setattr(crash_recovery, 'Database', Unshared)
+    assert is_right(open_map(killed), 9)
 
 
 def test_the_next_owner_goes_on_with_a_log_that_a_crash_left(killed):

@@ -69,11 +69,13 @@ def test_damage_that_commits_follow_is_reported(ended, tmp_path, at, open_it):
     assert path.with_name('map.db-wal').read_bytes() == before
 
 
-@pytest.mark.parametrize('at', [-1, -FRAME])
+@pytest.mark.parametrize('at', [-1, -FRAME, 32, 32 + FRAME])
 def test_a_damaged_last_commit_is_passed_over_like_half_a_commit(ended, tmp_path, at):
     def flip(data):
         data[at] ^= 16
 
+    if at >= 0 and ended[1] > 4:
+        pytest.skip('commits follow')
     path = damaged(ended, tmp_path, flip)
     assert len(MapReader(path)) == (ended[1] - 1 if ended[1] > 4 else 2)
 

@@ -7,7 +7,8 @@ import json
 import sqlite3
 
 from convseq_ros.config import KeyframeConfig
-from convseq_ros.core.map.format import FORMAT_VERSION
+from convseq_ros.core.map import reader
+from convseq_ros.core.map.format import FORMAT_VERSION, is_map_or_empty
 from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -58,6 +59,13 @@ def test_what_was_saved_is_opened_again(map_path):
     assert same(open_map(map_path, ENCODING), make())
 
 
+def test_a_map_is_whole_however_many_rows_are_read_at_once(map_path, monkeypatch):
+    for count in (1, 2, 3):
+        monkeypatch.setattr(reader, '_ROWS_AT_ONCE', count)
+        assert same(open_map(map_path), make())
+        assert MapReader(map_path).about()['thumbnails'] == 4
+
+
 def test_a_map_knows_how_far_apart_its_places_are(tmp_path):
     path, apart = tmp_path / 'map.db', KeyframeConfig(keyframe_interval_s=0.5)
     save_map(ReferenceMap(ENCODING, keyframes=apart), path)
@@ -96,6 +104,16 @@ def test_another_format_is_refused_with_both_versions_and_the_remedy(map_path, v
     for use in (open_map, lambda path: MapWriter(path, ENCODING, APART, append=True)):
         with pytest.raises(MapError, match=line):
             use(map_path)
+
+
+def test_only_a_map_or_an_empty_file_may_be_replaced(map_path, tmp_path):
+    empty, text, other = (tmp_path / name for name in ('empty', 'text', 'other.db'))
+    empty.touch()
+    text.write_text('a diary\n' * 20)
+    with closing(sqlite3.connect(other)) as database:
+        database.execute('CREATE TABLE diary (day)')
+    assert is_map_or_empty(map_path) and is_map_or_empty(empty)
+    assert not is_map_or_empty(text) and not is_map_or_empty(other)
 
 
 @pytest.mark.parametrize('content', [b'', b'not a map', b'SQLite format 3\0' + b'\0' * 500])

@@ -59,6 +59,16 @@ def test_a_map_without_poses_gives_no_metres(street, made):
     assert math.hypot(*pose.orientation) == pytest.approx(1)
 
 
+@pytest.mark.parametrize('index', [9, 10, 13, 14])
+def test_whichever_place_is_recognised_the_pose_is_that_of_the_nearest(street, made, index):
+    def spot(index):
+        pose = made(street[1][9], index)
+        there = matrix(Pose(pose.position_m, pose.orientation))
+        return (matrix(street[0][index].pose) @ there)[:3, 3]
+
+    assert spot(index) == pytest.approx(spot(11), abs=0.01)
+
+
 @pytest.mark.parametrize('wrong', [{'fx_px': math.nan}, {'fy_px': 0.0}, {'width_px': -1}])
 def test_a_camera_of_impossible_numbers_measures_nothing(street, made, wrong):
     query = street[1][9]
@@ -232,6 +242,7 @@ def test_a_camera_turned_to_the_left_has_a_positive_yaw(scene, degrees):
 def test_a_known_shift_is_a_known_angle():
     # tan(22.5 deg) * 500 px on either side of the axis.
     half_px = 500 * math.tan(math.radians(22.5))
+    assert shift_px((2.0, -3.0), HEIGHT, WIDTH, CELLS) == (30.0, -60.0)
     assert relative_yaw((17.0, -2 * half_px), CAMERA) == pytest.approx(math.radians(45))
     assert relative_yaw((0.0, 100.0), CAMERA) == -relative_yaw((0.0, -100.0), CAMERA)
 

@@ -268,6 +268,23 @@ def test_odometry_moves_along_the_poses_of_the_map_whatever_the_velocity(a_map):
     assert sigmas == pytest.approx(np.full(found.shape, BELIEF.sigma_places + ERROR * 2.5))
 
 
+def test_beyond_the_end_of_a_session_places_are_as_far_apart_as_the_last(a_map):
+    velocities, found, _ = moved(a_map(30, step_m=2.0), 0, 5, places=(1, 28))
+    assert found[velocities < 0, 0] == pytest.approx(-1.5)
+    assert found[velocities > 0, 1] == pytest.approx(30.5)
+
+
+def test_a_belief_that_is_reset_knows_no_odometry(a_map):
+    street = a_map(30, step_m=2.0)
+    belief = Belief(street, MotionModel(street, both=False, way_error=ERROR))
+    belief.motion.move(at(0), 0)
+    belief.reset()
+    belief.motion.move(at(5), 0)
+    assert belief.motion.moved(np.array([10]))[0][:, 0] == pytest.approx(
+        10 + belief.motion.velocities
+    )
+
+
 def test_odometry_that_goes_back_moves_back_and_the_other_way_round(a_map):
     street = a_map(30, step_m=2.0)
     for xs, yaw in (((5, 0), 0.0), ((0, 5), np.pi)):  # in reverse gear, as the robot is turned

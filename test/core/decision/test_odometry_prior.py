@@ -87,6 +87,9 @@ def test_what_one_camera_is_sure_of_holds_for_the_other(street):
     front.fix(100)
     rear.move(1, at(10))
     assert share(rear, 110) == 1 and share(rear, 610) < 1e-6
+    assert rear.is_denied(610, NONE) and not rear.is_denied(110, NONE)
+    front.move(2, at(10))
+    assert not front.is_denied(610, NONE)  # its own match denies nothing
 
 
 @pytest.mark.parametrize('xs', [(0, 1e12, 0), (0, 0, 0, 0), (5, -5, 1e100)])
