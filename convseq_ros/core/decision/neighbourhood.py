@@ -21,9 +21,10 @@ class Neighbourhood:
 
     def mask(self, places: Indices, index: int, distance: int = LINKS.neighbour_radius) -> Flags:
         """Return which of `places` (n,) are near a place or one of its looks."""
-        is_near = np.zeros(len(places), np.bool_)
-        for near in self.ranges(index, distance):
-            is_near |= (places >= near.start) & (places < near.stop)
+        bounds, looks = self._map.bounds, self._map.links.looks(index)
+        is_near = bounds.near(places, index, distance)
+        if looks:
+            is_near |= bounds.nearness(places, np.array(looks), distance).any(axis=0)
         return is_near
 
     def beside(self, places: Indices, index: int, distance: int) -> Flags:
@@ -44,4 +45,4 @@ class Neighbourhood:
 
     def is_near(self, place: int, index: int, distance: int = LINKS.neighbour_radius) -> bool:
         """Return whether a place is near another or one of its looks."""
-        return any(place in near for near in self.ranges(index, distance))
+        return bool(self.mask(np.array([place]), index, distance)[0])
