@@ -157,6 +157,9 @@ def test_a_place_that_the_belief_predicted_gains_less(a_map):
     expected = looked(a_map(100), buffer, {29: 0.3, 60: 0.3})[1][30]
     predicted = looked(a_map(100), buffer, {29: 0.6})[1][30]
     assert new > expected + 0.5 > predicted + 0.5
+    # What counts is the share of the mass in the map, not of all.
+    alone = looked(a_map(100), buffer, {29: 0.3})[1][30]
+    assert alone == pytest.approx(predicted)
     assert looked(a_map(100), buffer, {60: 0.6})[1][30] == new  # somewhere else
 
 
