@@ -9,7 +9,7 @@ from convseq_ros.cli import main
 from convseq_ros.config import make_config
 from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.edit import joined, slices_of, without, write_new
-from convseq_ros.core.map.format import row_crc
+from convseq_ros.core.map.format import PAGE_BYTES, row_crc
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -107,11 +107,9 @@ def test_a_flipped_bit_costs_one_link_and_a_damaged_page_all_and_the_map_still_g
     save_map(made(20, (12, 2), (18, 3)), path)
     with closing(sqlite3.connect(path)) as database, database:
         database.execute('UPDATE links SET other = 1 WHERE place = 12')
-        (root,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'links'")
-        (size,) = database.execute('PRAGMA page_size')
     assert [*open_map(path).links] == [(18, 3)]
-    content = bytearray(path.read_bytes())
-    content[(root[0] - 1) * size[0] : root[0] * size[0]] = bytes(size[0])
+    content, page = bytearray(path.read_bytes()), page_of_links(path)
+    content[page : page + PAGE_BYTES] = bytes(PAGE_BYTES)
     path.write_bytes(content)
     opened = open_map(path)
     assert not len(opened.links) and 'from 0 on are damaged' in opened.problem
@@ -123,12 +121,28 @@ def test_a_flipped_bit_costs_one_link_and_a_damaged_page_all_and_the_map_still_g
     assert len(opened) == 23 and (opened.packed(22) == cells(22)).all()
 
 
+def page_of_links(path):
+    """Return where the page of the links of a small map begins in its file."""
+    with closing(sqlite3.connect(path)) as database:
+        ((root,),) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'links'")
+    return (root - 1) * PAGE_BYTES
+
+
+def test_links_behind_one_whose_place_is_damaged_are_told(path):
+    save_map(made(20, (12, 2), (14, 3), (18, 3)), path)
+    content, page = bytearray(path.read_bytes()), page_of_links(path)
+    row = page + int.from_bytes(content[page + 10 : page + 12], 'big')  # the second one
+    assert content[row + 1] == 14
+    content[row + 1] = 78
+    path.write_bytes(content)
+    opened = open_map(path)
+    assert [*opened.links] == [(12, 2)]
+    assert opened.problem == f'{path}: 2 links are damaged and left out; all the rest works'
+
+
 def test_a_page_whose_rows_are_in_a_circle_is_left_out_and_read_once(path):
     save_map(made(20, (12, 2), (18, 3)), path)
-    with closing(sqlite3.connect(path)) as database, database:
-        (root,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'links'")
-        (size,) = database.execute('PRAGMA page_size')
-    content, page = bytearray(path.read_bytes()), (root[0] - 1) * size[0]
+    content, page = bytearray(path.read_bytes()), page_of_links(path)
     content[page + 10 : page + 12] = content[page + 8 : page + 10]  # the last row is the first
     path.write_bytes(content)
     opened = open_map(path)
