@@ -79,7 +79,7 @@ def test_a_statement_that_never_ends_is_ended(path, monkeypatch):
     database.close()
 
 
-@pytest.mark.parametrize('index', [2**31, 10**8, 2**62])
+@pytest.mark.parametrize('index', [10**6, 2**31, 2**62])
 def test_a_last_index_out_of_reach_takes_no_memory(path, index):
     change(
         path,
@@ -88,7 +88,7 @@ def test_a_last_index_out_of_reach_takes_no_memory(path, index):
             for table in ('places', 'pictures', 'images')
         ),
     )
-    assert 'damaged map (' in refusal(open_map, path)
+    assert f'damaged map ({index + 1} places in ' in refusal(open_map, path)
 
 
 def test_a_row_that_declares_more_than_there_is_memory_for_is_damage(path):

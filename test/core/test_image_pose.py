@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 import sqlite3
+from types import SimpleNamespace
 
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.config.reading_config import ReadingConfig
@@ -13,7 +14,9 @@ from convseq_ros.core.map.edit import joined, slices_of, write_new
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
+from convseq_ros.core.pose.image_pose import KEYPOINT, KeypointView
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Camera
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.street import Street
 import cv2
@@ -166,6 +169,14 @@ def test_depths_are_those_of_the_middles_of_regions():
     assert depths[29, 29] == pytest.approx(1 + 30.45 + 6.095, abs=0.1)
     with pytest.raises(ValueError, match='regions'):
         unpacked_depths(b'\0' * 10, 32)
+    # An image may be a fiftieth wider than its depths, for its height.
+    assert packed_depths(depth_m, (316, 640), 32) and not packed_depths(depth_m, (308, 640), 32)
+
+
+def test_units_of_keypoints_are_those_of_the_image_that_was_searched():
+    camera = Camera(640, 480, 500.0, 400.0, 320.0, 240.0)
+    view = KeypointView(camera, SimpleNamespace(size_px=(320, 120)))
+    assert view.scale * KEYPOINT.unit_px == pytest.approx([250, 100])
 
 
 def test_a_camera_on_its_side_has_its_depth_turned_with_it(deep_street):

@@ -43,6 +43,10 @@ def test_neighbours_are_two_places_before_and_after_where_there_are(
     assert names(motion.neighbours(index, times)) == expected
 
 
+def test_a_place_at_the_very_distance_is_a_neighbour(a_map):
+    assert names(MapMotion(a_map(8, step_m=1.8)).neighbours(0)) == [1, 2]
+
+
 def test_the_motion_to_a_place_tells_where_this_one_is_seen_from_there(motion):
     ((_, back), (_, on)) = motion.neighbours(5)
     assert back == pytest.approx(motion.moved(5, 3)) and on == pytest.approx(motion.moved(5, 7))

@@ -9,7 +9,7 @@ from convseq_ros.config import Config, with_values
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.likelihood import COPIES
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
-from convseq_ros.core.decision.observation import Observer
+from convseq_ros.core.decision.observation import OBSERVED, Observer
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.types import Frame
 from hypothesis import given, settings
@@ -270,6 +270,20 @@ def test_without_enough_other_places_nothing_speaks_for_one(a_map, count):
     told = Told({0: 200})
     seen, ratios = looked(a_map(count), Shown(scores, {0: 900.0}), {0: 0.5}, told=told)
     assert not seen.has_rivals and max(ratios.values()) <= 0
+
+
+def test_the_first_frames_of_a_drive_are_compared_with_more_places(a_map):
+    listed, counts = Listed(range(100), 100), []
+    listed.best = lambda _, newest: counts.append(newest) or np.arange(100)
+    observer = Observer(listed, Neighbourhood(a_map(100)), Told(), 40)
+    query = Query(Frame(0, None), Shown(scored(), SHOWN), 100, NONE, Config())
+    for _ in range(OBSERVED.first_frames + 1):
+        observer.observe(query, believing())
+    for begin in (observer.reset, observer.end_search):
+        begin()
+        observer.observe(query, believing())
+    many = OBSERVED.first_listed
+    assert counts == [many] * OBSERVED.first_frames + [10, many, 10]
 
 
 def test_a_frame_without_scores_says_nothing(a_map):
