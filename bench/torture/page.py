@@ -25,10 +25,19 @@ and `make torture HOURS=24` goes on for a night.
 | attack | what is done | what must hold | survived |
 |---|---|---|---|
 """
-_TRIES = """
+_MUTANTS = """
 `fuzz` needs `pip install '.[torture]'`. Inputs that break a decoder are kept in `convseq_fuzz`,
 where temporary files are, and become tests: what did not survive and is not listed here is mended.
 
+## Mutants
+
+`scripts/mutate.py` changes one operator, condition or call of `core/decision`, `core/pose` and
+`core/map` at a time: do the tests of the core see it?
+
+| command | commit | what came of it |
+|---|---|---|
+"""
+_SOAK = """
 ## Soak
 
 A drawn town is driven through the real node for hours. Does anything grow, with time or with
@@ -64,7 +73,8 @@ def keep_soak(docs: Path, name: str, command: str, text: str) -> None:
 
 
 def _read(docs: Path) -> dict[str, Any]:
-    path, kept = docs / 'reliability.json', {'outcomes': {}, 'soaks': {}, 'machine': {}}
+    path = docs / 'reliability.json'
+    kept = {'outcomes': {}, 'mutants': [], 'soaks': {}, 'machine': {}}
     return kept | (json.loads(path.read_text(encoding='utf-8')) if path.exists() else {})
 
 
@@ -89,7 +99,10 @@ def _page(kept: Mapping[str, Any]) -> str:
             lines += ['', f'What `{one["attack"]}` broke:', '']
             some = one['problems'][:_MOST_PROBLEMS]
             lines += [f'* {" ".join(text.split())}' for text in some]
-    lines += _TRIES.rstrip().splitlines()
+    lines += _MUTANTS.rstrip().splitlines()
+    for one in kept['mutants']:
+        lines.append(f'| `{one["command"]}` | {one["commit"]} | {one["text"]} |')
+    lines += _SOAK.rstrip().splitlines()
     for name, command in _SOAKS.items():
         one = kept['soaks'].get(name)
         said = f'{one["text"]}; [picture](images/{name}.png)' if one else '*not run*'
