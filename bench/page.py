@@ -39,8 +39,8 @@ make board                     # two minutes: the first two tables for the machi
 _SPLIT = """
 *Computed* from a measured split: what the kernels of pair scores take (*by peak*) is multiplied by
 the ratio of the integer peaks, the rest (*by clock*) by that of the clocks. A core that does less
-in a cycle than this one takes longer. *Share of a core* is
-that of a camera of 30 Hz with 8 keyframes a second.
+in a cycle than this one takes longer. *Share of a core* is that of a camera of 30 Hz with 8
+keyframes a second.
 """
 _ADVICE = """
 ## On a robot

@@ -4,11 +4,11 @@
 Do the tests see a fault? Change one operator of a function at a time, and run its tests.
 
 Usage: python scripts/mutate.py [--count 300] [--seed 1] [--folders decision pose map]
-[--seconds 60] [--only FILE:LINE ...] [--record FILE]; an hour of a core. First the tests of the
-core run once, which records the functions that each test calls. Then each mutant meets the tests
-that call it, the quickest first, as many as take so many seconds. It lives only in the memory of a
-child process; files are not touched. It is caught if a test fails or does not end. It prints those
-that live, as FILE:LINE change, and the share that is caught.
+[--seconds 60] [--only FILE:LINE ...] [--record FILE]; 170 mutants took half an hour of a core.
+First the tests of the core run once, which records the functions that each test calls. Then each
+mutant meets the tests that call it, the quickest first, as many as take so many seconds. It lives
+only in the memory of a child process; files are not touched. It is caught if a test fails or does
+not end. It prints those that live, as FILE:LINE change, and the share that is caught.
 
 `--only` tries mutants of these lines of the sample again. `--record` keeps the record in a file,
 with which the next run begins; tests that are not in it always run.

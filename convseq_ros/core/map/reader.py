@@ -232,17 +232,18 @@ class MapReader:
 
 def _read_links(database: Database, path: Path, reference_map: ReferenceMap) -> None:
     """Add the stored links to a map; damaged ones are left out and reported in its `problem`."""
-    start, count, left_out = 0, len(reference_map), 0
+    start, count, found, damaged = 0, len(reference_map), 0, 0
     query = f'SELECT * FROM links WHERE place >= ? AND place < {count} ORDER BY place LIMIT ?'
     try:
         while rows := database.rows(query, (start, _LINKS_AT_ONCE)):
             places = [row[0] for row in rows]
             if places[0] < start or places != sorted({*places}):
                 raise sqlite3.DatabaseError('a damaged page leads to others, perhaps in a circle')
-            left_out += _add_links(reference_map.links, rows) - len(rows)
+            damaged += _add_links(reference_map.links, rows)
+            found += len(rows)
             start = places[-1] + 1
         # A row may not be found by its place: of a place that is not there, or out of order.
-        left_out += database.number('SELECT count(*) FROM links')
+        left_out = damaged + database.number('SELECT count(*) FROM links') - found
     except sqlite3.DatabaseError:
         database.roll_back()  # the links that were read before are valid
         problem = f'the links of places from {start} on are damaged'
