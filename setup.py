@@ -105,6 +105,7 @@ setup(
             'hypothesis>=6.98',
             'onnx',
             'onnxruntime',
+            "pyhbst>=0.2; platform_machine == 'x86_64' and python_version < '3.14'",
             'pytest>=7.4',
             'pytest-timeout>=2.2',
             'pytest-xdist>=3.4',

@@ -4,7 +4,8 @@
 Print the tables of docs/RESULTS.md: the recall of this package and of common methods.
 
 Usage: python scripts/peers.py --data FOLDER [--sets corridor laps] [--methods convseq orb-bow],
-about 20 minutes on one core. DATA in a method is replaced by the folder.
+about an hour on one core. It needs scikit-image and pyhbst. DATA in a method is replaced by the
+folder.
 
 The protocol is open: half of the map is removed in turn. Recall is the share of right matches
 among the frames whose place is in the map. *Own* is the method's own decision, with its false
@@ -52,6 +53,7 @@ NAMES = {
     'orb-bow+vocabulary=DATA/road_1/images': 'orb-bow, words of another set',  # a street in no set
     'sift-vlad': 'sift-vlad',
     'sift-vlad+rows=0': 'sift-vlad, images as they are',
+    'hbst': 'hbst',
     'seqslam': 'SeqSLAM',
     'cohog': 'CoHOG',
     'hog': 'HOG',
@@ -127,14 +129,25 @@ class _Laps(Truth):
 
 
 def runs(material: Material, text: str, config: Config) -> list[Run]:
-    """Return the runs of a method; a peer has one per alpha and number of frames that agree."""
+    """
+    Return the runs of a method.
+
+    A peer has one per alpha and number of frames that agree; hbst has one that geometry decides,
+    and one that its scores decide.
+    """
     method = make_method(parse_method(text), config)
     protocol = ONLINE if material.data_set.online else OPEN
-    if 'alpha' not in method.kind.options:
+    if 'rows' not in method.kind.options:
         return [_run(run_protocol(material, method, protocol))]
     pairs, variants = method.rows(material), []
-    for alpha, frames in product(ALPHAS, CONSISTENT):
-        changed = replace(pairs, detect=partial(pairs.detect, alpha=alpha, consistent=frames))
+    decisions = [pairs.detect, None]
+    if 'alpha' in method.kind.options:
+        decisions = [
+            partial(pairs.detect, alpha=alpha, consistent=frames)
+            for alpha, frames in product(ALPHAS, CONSISTENT)
+        ]
+    for decision in decisions:
+        changed = replace(pairs, detect=decision)
         kind = replace(method.kind, rows=lambda *_, changed=changed: changed)
         variants.append(_run(run_protocol(material, replace(method, kind=kind), protocol)))
     return variants

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path, PurePath
 import re
 import time
+from typing import TypeVar
 
 from convseq_ros.baselines import seqslam
 from convseq_ros.baselines.local_features import ROWS
@@ -36,6 +37,7 @@ import numpy.typing as npt
 
 Gray = npt.NDArray[np.uint8]
 Vectors = npt.NDArray[np.float32]  # (N, n), a descriptor an image
+Number = TypeVar('Number', int, float)
 # The recogniser takes the scores of a baseline, and accepts every best candidate.
 _GIVEN: Mapping[str, Value] = {
     'matching': 'regional',
@@ -180,16 +182,22 @@ def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
 
 
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
-    def option(kind: type[int] | type[float], key: str, default: float) -> float:
-        text = name.options.get(key, str(default))
-        try:
-            return kind(text)
-        except ValueError:
-            raise ConfigError(f'method {name.label}: {key} is not a number: {text!r}') from None
-
-    alpha, rows = option(float, 'alpha', ALPHA), int(option(int, 'rows', ROWS))
+    alpha, rows = _number(float, name, 'alpha', ALPHA), _number(int, name, 'rows', ROWS)
     vocabulary = name.options.get('vocabulary', '')
     return peers.peer_scores(material, name.kind, alpha, vocabulary, config.reading, rows)
+
+
+def _hbst(material: Material, name: MethodName, _: Config) -> PairScores:
+    return peers.tree_scores(material, _number(int, name, 'rows', ROWS))
+
+
+def _number(kind: Callable[[str], Number], name: MethodName, key: str, default: Number) -> Number:
+    """Return an option that is a number; ConfigError for any other text."""
+    text = name.options.get(key, str(default))
+    try:
+        return kind(text)
+    except ValueError:
+        raise ConfigError(f'method {name.label}: {key} is not a number: {text!r}') from None
 
 
 def _given_scores(material: Material, name: MethodName, config: Config) -> PairScores:
@@ -272,6 +280,7 @@ KINDS: Mapping[str, Kind] = {
     'hog': _baseline(_hog, needs=('skimage', 'scikit-image')),
     'orb-bow': _baseline(_peer, options=peers.OPTIONS),
     'sift-vlad': _baseline(_peer, options=peers.OPTIONS),
+    'hbst': _baseline(_hbst, options=('rows',), needs=('pyhbst', 'pyhbst')),
     'scores': _baseline(_given_scores, argument='FILE.npy', options=('lower_is_better',)),
     'descriptors': _baseline(_given_descriptors, argument='QUERY.npy,REFERENCE.npy'),
     'onnx': _baseline(_onnx, argument='MODEL.onnx', options=('size', 'mean', 'scale', 'color')),

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What robots run today, on a data set: bags of words or VLAD, with DLoopDetector's decision."""
+"""What robots run today, on a data set: bags of words, VLAD, and trees of descriptors."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -11,6 +11,7 @@ import time
 from typing import Any
 
 from convseq_ros.baselines import local_features, vlad
+from convseq_ros.baselines.hamming_tree import HammingTree
 from convseq_ros.baselines.local_features import Extract, inliers, Keypoints, ROWS
 from convseq_ros.baselines.loop_detector import CONSISTENT, detect, Detection
 from convseq_ros.baselines.vocabulary import bag_scores, Vocabulary
@@ -25,6 +26,7 @@ import numpy.typing as npt
 
 Vector = npt.NDArray[np.float32]
 OPTIONS = 'alpha', 'vocabulary', 'rows'
+_CANDIDATES = 5  # best images of a tree that geometry verifies
 _WORD_BYTES = 8  # of a bag, per word of the image: its number and its weight
 
 
@@ -104,6 +106,58 @@ def peer_scores(
     row_ms = (time.perf_counter() - started) * 1e3 / len(query)
     place_bytes = np.mean([item.size_bytes for item in reference]) + peer.vector_bytes(places)
     return PairScores(rows, encode_ms, row_ms, detect=decide, place_bytes=float(place_bytes))
+
+
+def tree_scores(material: Material, image_rows: int = ROWS) -> PairScores:
+    """
+    Return the scores of `hbst`, with the decision on each frame by itself.
+
+    A score is the share of the frame's ORB descriptors that a place has. Images are as for
+    `peer_scores`.
+    """
+    extract = partial(local_features.orb, rows=image_rows)
+    query, encode_ms = _extracted(material.query, extract)
+    reference, tree = query, HammingTree()
+    if not material.data_set.online:
+        reference, _ = _extracted(material.reference, extract)
+        for keypoints in reference:
+            tree.add(keypoints)
+
+    @cache
+    def verify(frame: int, place: int) -> int:
+        return inliers(query[frame], reference[place])
+
+    def decide(rows: npt.NDArray[np.float32], first: int = 0) -> list[Detection]:
+        return verified_best(rows, lambda frame, at: verify(frame, first + at))
+
+    scores = np.full((len(query), len(reference)), np.nan, np.float32)
+    started = time.perf_counter()
+    for row, keypoints in zip(scores, query, strict=True):
+        row[: len(tree)] = tree.shares(keypoints)
+        if material.data_set.online:
+            tree.add(keypoints)
+    decide(scores)
+    row_ms = (time.perf_counter() - started) * 1e3 / len(query)
+    place_bytes = float(np.mean([item.size_bytes for item in reference]))
+    return PairScores(scores, encode_ms, row_ms, detect=decide, place_bytes=place_bytes)
+
+
+def verified_best(
+    rows: npt.NDArray[np.float32], verify: Callable[[int, int], int]
+) -> list[Detection]:
+    """
+    Return for each frame which of its 5 best references has most inliers.
+
+    `rows` (Q, R) are scores, NaN for a pair that must not match; 0 is no candidate. `verify`
+    returns the inliers of a frame and a reference. Of equally many, the better score counts.
+    """
+    detections = []
+    for frame, row in enumerate(rows):
+        allowed = np.flatnonzero(row > 0)
+        best = allowed[np.argsort(-row[allowed], kind='stable')][:_CANDIDATES].tolist()
+        found = [Detection(at, verify(frame, at)) for at in best]
+        detections.append(max(found, key=lambda item: item.inliers, default=Detection()))
+    return detections
 
 
 def matches_of(detections: Iterable[Detection], query: Drive, part: ReferenceMap) -> list[Match]:

@@ -306,7 +306,8 @@ def test_a_text_names_label_kind_files_and_length(text, label, kind, argument, l
     assert name.options == ({'size': '224x224', 'mean': '0.5,0.5'} if kind == 'onnx' else {})
 
 
-def test_the_length_of_a_method_wins_over_the_parameter():
+def test_the_length_of_a_method_wins_over_the_parameter(monkeypatch):
+    monkeypatch.setattr(methods, 'find_spec', lambda name: name)
     config = overridden(Config(), {'fixed_length': 7})
     lengths = {
         kind: make_method(parse_method(kind), config).config.sequence.fixed_length
@@ -315,7 +316,7 @@ def test_the_length_of_a_method_wins_over_the_parameter():
     }
     assert lengths == {
         'convseq': 7, 'single': 1, 'verified': 1, 'paper': 7, 'cohog': 1, 'seqslam': 10,
-        'hog': 1, 'orb-bow': 1, 'sift-vlad': 1,
+        'hog': 1, 'orb-bow': 1, 'sift-vlad': 1, 'hbst': 1,
     }  # fmt: skip
 
 
@@ -339,8 +340,11 @@ def test_any_other_recogniser_decides_as_it_does_without_the_bench(text):
     assert make_method(parse_method(text), Config()).config.believes
 
 
-def test_a_missing_package_is_reported_before_any_image_is_read(street, tmp_path, monkeypatch):
+@pytest.mark.parametrize(('kind', 'package'), [('hog', 'scikit-image'), ('hbst', 'pyhbst')])
+def test_a_missing_package_is_reported_before_any_image_is_read(
+    street, tmp_path, monkeypatch, kind, package
+):
     monkeypatch.setattr(methods, 'find_spec', lambda _: None)
     monkeypatch.setattr(bench, 'open_material', lambda *_: pytest.fail('it reads images'))
-    with pytest.raises(ConfigError, match=r'method hog: needs scikit-image; pip install '):
-        run(street, Config(), tmp_path / 'out', 'convseq', 'hog')
+    with pytest.raises(ConfigError, match=f'method {kind}: needs {package}; pip install '):
+        run(street, Config(), tmp_path / 'out', 'convseq', kind)
