@@ -19,8 +19,9 @@ from pathlib import Path
 
 from convseq_ros import build_map, Config, Frame, PlaceRecognizer
 from convseq_ros.config import make_config
-from convseq_ros.core.decision.likelihood import CELLS, KEYPOINTS
+from convseq_ros.core.decision.likelihood import CELLS
 from convseq_ros.core.decision.observation import Observation
+from convseq_ros.core.decision.usual_lead import KEYPOINTS
 from convseq_ros.evaluation.plots import new_figure, save
 from convseq_ros.evaluation.protocols import kept_halves
 from convseq_ros.sources.folder import ImageFolder
@@ -186,8 +187,7 @@ def main() -> None:
     cells = [getattr(CELLS, name) for name in NAMES[:3]]
     print('shipped cells', *(f'{one:.2f}' for one in cells))
     print("keypoints' leads: mean of right places, of wrong ones, sigma")
-    shipped = f'{KEYPOINTS.usual_alike} by like light, {KEYPOINTS.usual_otherwise} by other'
-    print(f'shipped: {shipped}; 0; {KEYPOINTS.sigma}')
+    print(f'shipped: {KEYPOINTS.by_day} in the same light, less in other; 0; {KEYPOINTS.sigma}')
     for name, values in leads_of.items():
         print(f'{name}:', *(f'{one:.1f}' for one in usual_leads(values)))
     draw(leads_of, chosen.output)

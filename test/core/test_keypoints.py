@@ -3,6 +3,7 @@
 """Keypoints: what is detected, what a map keeps of it, and in how many blocks images agree."""
 
 from dataclasses import replace
+import math
 import sqlite3
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config, with_values
@@ -276,29 +277,32 @@ def test_a_brightness_is_of_a_coarse_grid():
     assert brightness(gray[:1, :1]).shape == (32,)
 
 
-@pytest.mark.parametrize(('light', 'is_like'), [(1.0, True), (0.93, True), (0.6, False)])
-def test_map_and_drive_are_of_like_light_if_they_are_about_as_bright(walled, light, is_like):
+@pytest.mark.parametrize('light', [1.0, 0.93, 0.6, 0.2])
+def test_the_difference_of_light_is_that_of_the_logarithms_of_brightness(walled, light):
     witness = KeypointWitness(walled, 300)
-    assert [witness.is_like(one, SHOWN, 12) for one in frames(12, light)] == [is_like] * 12
+    seen = [witness.difference(one, SHOWN, 12) for one in frames(12, light)]
+    # The logarithm is of four levels more than the brightness, which is 80 to 120 here.
+    assert seen[-1] == pytest.approx(-math.log(light), abs=0.06)
 
 
 def test_the_light_of_a_drive_is_its_mean_and_a_reset_forgets_it(walled):
     witness = KeypointWitness(walled, 300)
     (dark,), (light,) = frames(1, 0.5), frames(1)
-    assert not witness.is_like(dark, SHOWN, 12)
-    assert not witness.is_like(light, SHOWN, 12)  # the mean of the drive
-    assert any([witness.is_like(light, SHOWN, 12) for _ in range(9)])
+    first = witness.difference(dark, SHOWN, 12)
+    assert first == pytest.approx(math.log(2), abs=0.06)
+    assert witness.difference(light, SHOWN, 12) == pytest.approx(first / 2, abs=0.06)
+    assert witness.difference(Frame(1, None), SHOWN, 12) == pytest.approx(first / 2, abs=0.06)
     witness.reset()
-    assert witness.is_like(light, SHOWN, 12)
-    assert witness.is_like(Frame(1, None), SHOWN, 12)  # an unreadable frame changes nothing
+    assert witness.difference(light, SHOWN, 12) < 0.06
 
 
 def test_without_thumbnails_or_images_the_light_is_unknown(walled):
     bare = build_map(
         frames(3), None, replace(OWN, keyframes=replace(EVERY_FRAME, thumbnail_width_px=0))
     )
-    assert not KeypointWitness(bare, 300).is_like(frames(1)[0], SHOWN, 3)
-    assert not KeypointWitness(walled, 300).is_like(Frame(0, None), SHOWN, 12)
+    assert KeypointWitness(bare, 300).difference(frames(1)[0], SHOWN, 3) == math.inf
+    assert KeypointWitness(walled, 300).difference(Frame(0, None), SHOWN, 12) == math.inf
+    assert KeypointWitness(walled, 0).difference(frames(1)[0], SHOWN, 12) == math.inf
 
 
 def test_a_map_that_grows_is_looked_at_again():
@@ -307,10 +311,10 @@ def test_a_map_that_grows_is_looked_at_again():
     witness, seen = KeypointWitness(grown, 300), describe(walls(1)[0], SMALL)
     for frame in dim:
         grown.add_frame(frame, seen, 64)
-    assert not witness.is_like(light[0], SHOWN, 2)
+    assert witness.difference(light[0], SHOWN, 2) > 0.6
     for frame in light:
         grown.add_frame(frame, seen, 64)
-    assert witness.is_like(light[0], SHOWN, 14)
+    assert witness.difference(light[0], SHOWN, 14) < 0.15
 
 
 def answers(values):
@@ -340,10 +344,10 @@ def test_a_damaged_thumbnail_is_left_out_of_the_light(walled, monkeypatch):
 
     thumbnail = walled.thumbnail
     monkeypatch.setattr(walled, 'thumbnail', damaged)
-    assert KeypointWitness(walled, 300).is_like(frames(1)[0], SHOWN, 12)
+    assert KeypointWitness(walled, 300).difference(frames(1)[0], SHOWN, 12) < 0.06
 
 
 def test_without_keypoints_the_light_is_not_read(walled, monkeypatch):
     monkeypatch.delattr(type(walled), 'thumbnail')
     witness = KeypointWitness(walled, 0)
-    assert not witness.is_like(frames(1)[0], SHOWN, 12) and not witness.knows(3)
+    assert witness.difference(frames(1)[0], SHOWN, 12) == math.inf and not witness.knows(3)

@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The belief: a discrete Bayes filter over places, velocities and *elsewhere*.
+The belief: a discrete Bayes filter over places, velocities, usual leads and *elsewhere*.
 
 Each keyframe is one step: `predict` moves the mass as the robot may have moved, and `update`
 multiplies it by the likelihood ratios of the frame. Only places that hold mass are kept, so the
@@ -15,9 +15,10 @@ import math
 
 from convseq_ros.core.decision.likelihood import COPIES
 from convseq_ros.core.decision.odometer import Odometer
+from convseq_ros.core.decision.usual_lead import STATES, UsualLead
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix
-from convseq_ros.core.types import constants, Doubles, Indices, Pose
+from convseq_ros.core.types import constants, Doubles, Flags, Indices, Pose
 import numpy as np
 
 _WIDEST = 20.0  # places; a larger sigma of the motion is cut off at 3 times this
@@ -38,7 +39,7 @@ class BELIEF:
     # but so little at a place that no frame decides alone.
     lost: float = 0.5
     leaving: float = 0.0005  # of each place: leaves the map
-    jumping: float = 1e-4  # of all: anywhere in the map, if the robot is moved or odometry fails
+    jumping: float = 5e-4  # of all: anywhere in the map, if the robot is moved or odometry fails
     looks: float = 0.1  # of a place: moves to the other keyframes of the same place
     least: float = 1e-9  # of all; a place with less mass is dropped
 
@@ -133,25 +134,32 @@ class Belief:
     """
     Probabilities of the places and of `elsewhere`; they sum to 1.
 
-    At first all mass is elsewhere. Only `places`, (n,), ascending, hold mass.
+    At first all mass is elsewhere. Only `places`, (n,), ascending, hold mass. At a place, it is
+    held by velocity and by state of the keypoints, as if the one did not depend on the other.
     """
 
-    def __init__(self, reference_map: ReferenceMap, motion: MotionModel) -> None:
-        self._map, self.motion = reference_map, motion
+    def __init__(self, reference_map: ReferenceMap, motion: MotionModel, usual: UsualLead) -> None:
+        self._map, self.motion, self._usual = reference_map, motion, usual
         self.reset()
 
     def reset(self) -> None:
         """Forget the drive: the robot is elsewhere."""
         self.motion.reset()
         self.places: Indices = np.zeros(0, np.int64)
-        self._mass: Doubles = np.zeros((len(self.motion.velocities), 0))
-        self.elsewhere = 1.0
-        self._lost = 1.0  # part of elsewhere of which nothing is known
+        self._mass: Doubles = np.zeros((len(self.motion.velocities), 0))  # with that of copies
+        self._states: Doubles = np.zeros((STATES, 0))  # the same mass
+        self._apart = 1.0  # mass of elsewhere that is at no copy of a place
+        self._lost = 1.0  # part of it of which nothing is known
 
     @property
     def mass(self) -> Doubles:
         """Probability that the newest frame shows each of `places`, (n,)."""
-        return np.asarray(self._mass.sum(axis=0))
+        return np.asarray(self._states[:-1].sum(axis=0))
+
+    @property
+    def elsewhere(self) -> float:
+        """Probability that the newest frame shows no place; copies of places are elsewhere."""
+        return self._apart + float(self._states[-1].sum())
 
     def likeliest(self, count: int) -> list[int]:
         """Return the `count` likeliest places, best first."""
@@ -165,11 +173,31 @@ class Belief:
             return 1.0
         return float(self.motion.velocities[self._mass[:, at].argmax()])
 
-    def predict(self, usable: int) -> None:
-        """Move the mass; mass that leaves its session, or the usable places, is lost elsewhere."""
+    def states_at(self, places: Indices, earlier: int) -> Doubles:
+        """
+        Return the probabilities (6, n) of the states of the keypoints at places (n,).
+
+        Where no mass is, they are those of mass that enters.
+        """
+        states = self._usual.entering(places >= earlier)
+        held = np.isin(places, self.places)
+        mass = self._states[:, np.searchsorted(self.places, places[held])]
+        states[:, held] = mass / mass.sum(axis=0)
+        return states
+
+    def usual_leads(self, is_same: Flags) -> Doubles:
+        """Return the mass (5,) of the usual leads at some of `places` (n,)."""
+        return np.asarray(self._states[:-1, is_same].sum(axis=1))
+
+    def predict(self, usable: int, earlier: int) -> None:
+        """
+        Move the mass; mass that leaves its session, or the usable places, is lost elsewhere.
+
+        `earlier` is the number of places of earlier drives.
+        """
         if not len(self.places):
             return
-        places, mass = self._with_looks(usable)
+        places, mass, states = self._with_looks(usable)
         velocities, columns = np.nonzero(mass > BELIEF.least)
         moved, sigmas = (values[velocities, columns] for values in self.motion.moved(places))
         reach = math.ceil(3 * min(sigmas.max(initial=0.0), _WIDEST))
@@ -182,18 +210,27 @@ class Belief:
         is_inside &= near < np.minimum(stops, usable)[columns, None]
         kept = is_inside & (weights > BELIEF.least)
         self.places, where = np.unique(near[kept].astype(np.int64), return_inverse=True)
-        rows = np.repeat(velocities, kept.sum(axis=1))
-        count = len(self.places)
-        flat = np.bincount(rows * count + where, weights[kept], len(mass) * count)
-        same = flat.reshape(len(mass), count)
+        count, weights = len(self.places), weights[kept]
+        rows, sources = (np.repeat(one, kept.sum(axis=1)) for one in (velocities, columns))
+        same = _summed(rows * count + where, weights, len(mass), count)
         other = self.motion.prior[:, None] * same.sum(axis=0)
         changed = (1 - BELIEF.changing) * same + BELIEF.changing * other
         self._lost = max(0.0, float(mass.sum() - changed.sum()))
-        self._mass = np.asarray((1 - BELIEF.leaving) * changed, np.float64)
-        self.elsewhere = max(0.0, 1.0 - float(self._mass.sum()))
+        states /= states.sum(axis=0)
+        at = (np.arange(STATES)[:, None] * count + where).ravel()
+        arrived = _summed(at, (states[:, sources] * weights).ravel(), STATES, count)
+        stays = (1 - BELIEF.leaving) * self._usual.moved(arrived, self.places >= earlier)
+        self._mass, self._states = changed * stays.sum(axis=0) / arrived.sum(axis=0), stays
+        self._apart = max(0.0, 1.0 - float(stays.sum()))
 
     def update(
-        self, places: Indices, log_ratios: Doubles, entry: Doubles, usable: int, earlier: int
+        self,
+        places: Indices,
+        log_ratios: Doubles,
+        entry: Doubles,
+        usable: int,
+        earlier: int,
+        said: Doubles | None = None,
     ) -> None:
         """
         Multiply the mass of places (n,), ascending, by their likelihood ratios.
@@ -201,25 +238,37 @@ class Belief:
         `places` has all places that hold mass, and may have more of the first `usable` places.
         `log_ratios` (n,) are logarithms: how many times likelier the frame is there than
         elsewhere. `entry` (n,), in [0, 1], is the share of entering mass that odometry allows.
-        `earlier` is the number of places of earlier drives, where a lost robot may be.
+        `earlier` is the number of places of earlier drives, where a lost robot may be. `said`
+        (6, n) is the keypoints' part of the ratios by state; without it, the shares of the states
+        stay.
         """
-        mass = np.zeros((len(self._mass), len(places)))
-        mass[:, np.searchsorted(places, self.places)] = self._mass
-        entering = BELIEF.entering * (self.elsewhere - self._lost)
+        at, count = np.searchsorted(places, self.places), len(places)
+        mass, states = np.zeros((len(self._mass), count)), np.zeros((STATES, count))
+        mass[:, at], states[:, at] = self._mass, self._states
+        entering = BELIEF.entering * (self._apart - self._lost)
         entering += min(BELIEF.lost, COPIES.all * earlier) * self._lost
-        share = entering * entry + BELIEF.jumping
-        mass += self.motion.prior[:, None] * share / max(1, usable)
+        share = (entering * entry + BELIEF.jumping) / max(1, usable)
+        mass += self.motion.prior[:, None] * share
         mass *= np.exp(log_ratios)
-        elsewhere, self._lost = self.elsewhere - entering, 0.0
-        total = float(mass.sum()) + elsewhere
-        mass, self.elsewhere = mass / total, elsewhere / total
+        states += self._usual.entering(places >= earlier) * share
+        if said is not None:
+            states *= said
+        apart, self._lost = self._apart - entering, 0.0
+        total = float(mass.sum()) + apart
+        mass, self._apart = mass / total, apart / total
         kept = mass.sum(axis=0) > BELIEF.least
-        self.places, self._mass = places[kept], mass[:, kept]
+        self.places, self._mass, states = places[kept], mass[:, kept], states[:, kept]
+        self._states = states * (self._mass.sum(axis=0) / states.sum(axis=0))
 
-    def _with_looks(self, usable: int) -> tuple[Indices, Doubles]:
-        """Return places and mass, with a share moved to the other looks (keyframes) of places."""
-        places, mass = self.places, self._mass.copy()
-        strong = np.flatnonzero(mass.sum(axis=0) > 1e-3)
+    def _with_looks(self, usable: int) -> tuple[Indices, Doubles, Doubles]:
+        """
+        Return places, and their mass by velocity and by state.
+
+        A share of the mass is moved to the other looks (keyframes) of places.
+        """
+        places, mass = self.places, np.vstack((self._mass, self._states))
+        of_velocities = len(self._mass)
+        strong = np.flatnonzero(self._mass.sum(axis=0) > 1e-3)
         shared = dict[int, Doubles]()
         for column in strong.tolist():
             looks = [look for look in self._map.links.looks(int(places[column])) if look < usable]
@@ -228,11 +277,16 @@ class Belief:
                 mass[:, column] -= share
                 for look in looks:
                     shared[look] = shared.get(look, 0.0) + share / len(looks)
-        if not shared:
-            return places, mass
-        all_places = np.union1d(places, np.fromiter(shared, np.int64))
-        all_mass = np.zeros((len(mass), len(all_places)))
-        all_mass[:, np.searchsorted(all_places, places)] = mass
-        for look, share in shared.items():
-            all_mass[:, np.searchsorted(all_places, look)] += share
-        return all_places, all_mass
+        if shared:
+            all_places = np.union1d(places, np.fromiter(shared, np.int64))
+            all_mass = np.zeros((len(mass), len(all_places)))
+            all_mass[:, np.searchsorted(all_places, places)] = mass
+            for look, share in shared.items():
+                all_mass[:, np.searchsorted(all_places, look)] += share
+            places, mass = all_places, all_mass
+        return places, mass[:of_velocities], mass[of_velocities:]
+
+
+def _summed(at: Indices, weights: Doubles, rows: int, count: int) -> Doubles:
+    """Return the sums (rows, count) of weights (m,), by their flat positions (m,)."""
+    return np.asarray(np.bincount(at, weights, rows * count).reshape(rows, count), np.float64)

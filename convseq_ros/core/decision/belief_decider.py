@@ -13,6 +13,7 @@ from convseq_ros.core.decision.odometry_jump import OdometryJumps
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.decision.paper.diagonals import diagonal
 from convseq_ros.core.decision.paper.query_buffer import BUFFER
+from convseq_ros.core.decision.usual_lead import UsualLead
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
@@ -34,11 +35,12 @@ class BeliefDecider:
         matching, robot = config.matching, config.robot
         both, error = matching.both_directions, robot.odometry_way_error
         self._map, self._coarse, self._near = reference_map, coarse, Neighbourhood(reference_map)
-        self._belief = Belief(reference_map, MotionModel(reference_map, both, error))
+        self._usual = UsualLead()
+        self._belief = Belief(reference_map, MotionModel(reference_map, both, error), self._usual)
         self._jumps = OdometryJumps()
         self._prior = OdometryPrior(reference_map, robot, config.online.grows)
-        witness = KeypointWitness(reference_map, config.keyframes.keypoints)
-        self._observer = Observer(coarse, self._near, witness, matching.shortlist_length)
+        self._witness = KeypointWitness(reference_map, config.keyframes.keypoints)
+        self._observer = Observer(coarse, self._near, self._witness, matching.shortlist_length)
 
     @property
     def odometry_jumps(self) -> int:
@@ -47,6 +49,7 @@ class BeliefDecider:
 
     def reset(self) -> None:
         self._belief.reset()
+        self._usual.reset()
         self._observer.reset()
         self._prior.reset()
         self._jumps.reset()
@@ -58,8 +61,9 @@ class BeliefDecider:
 
     def decide(self, query: Query) -> Answer:
         """Return the likeliest places; the confidence is the mass of the first."""
-        frame, belief = query.frame, self._belief
-        self._coarse.update(query.buffer.newest.descriptor, query.usable)
+        frame, belief, newest = query.frame, self._belief, query.buffer.newest.descriptor
+        self._coarse.update(newest, query.usable)
+        self._usual.difference = self._witness.difference(frame, newest, query.usable)
         if query.missing > BUFFER.longest_gap:
             belief.reset()
         pose = frame.pose if query.config.robot.odometry_way_error else None
@@ -68,24 +72,19 @@ class BeliefDecider:
             self._prior.forget_poses()
         belief.motion.move(pose, query.missing, query.buffer.novelty)
         self._prior.move(frame.stamp_ns, pose)
-        belief.predict(query.usable)
+        belief.predict(query.usable, query.session_start)
         observed = self._observer.observe(query, belief)
         entry = self._prior.entry_prior(observed.places, query.session_start)
         belief.update(
-            observed.places, observed.log_ratios, entry, query.usable, query.session_start
+            observed.places,
+            observed.log_ratios,
+            entry,
+            query.usable,
+            query.session_start,
+            observed.said,
         )
-        self._learn(observed)
         query.buffer.add_evidence(self._evidence(observed))
         return self._answer(query, observed)
-
-    def _learn(self, observed: Observation) -> None:
-        """Take in what keypoints say of the asked place that is the likeliest by now."""
-        places, mass = self._belief.places, self._belief.mass
-        masses = {at: mass[self._near.mask(places, at, _WINDOW)].sum() for at in observed.asked}
-        if masses and observed.has_rivals:
-            likeliest = max(masses, key=lambda at: masses[at])
-            shown = min(1.0, float(masses[likeliest]))
-            self._observer.likelihood.learn(observed.asked[likeliest], shown)
 
     def _evidence(self, observed: Observation) -> float:
         """Return the log ratio by which a frame speaks for the likeliest place, at least 0."""
@@ -104,6 +103,8 @@ class BeliefDecider:
         confidence, implausible_m = min(1.0, float(belief.mass[is_same].sum())), None
         is_sure = confidence >= config.min_confidence
         if is_sure and not self._prior.is_denied(best, query.session_start):
+            if observed.asked:
+                self._usual.learn(belief.usual_leads(is_same), best >= query.session_start)
             reason, best = Reason.ACCEPTED, self._best_look(best, observed)
             self._prior.fix(best)
             self._observer.end_search()

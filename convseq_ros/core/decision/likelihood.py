@@ -8,7 +8,6 @@ Two witnesses speak: cells (pair score and verification) and keypoints. What cou
 equation.
 """
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
 
@@ -36,25 +35,6 @@ class CELLS:
     # scale of strengths (of twice their square root) starts at 1.
     prior_score: float = 0.008
     memory: float = 20.0  # frames
-
-
-@constants
-class KEYPOINTS:
-    """
-    The density ratio of the keypoints' lead: of twice the root of the blocks that agree.
-
-    Chosen by hand from the means and spreads of leads that scripts/fit_observation.py prints, on
-    the drives of CELLS.
-    """
-
-    usual: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0)  # leads that may be usual
-    usual_alike: float = 6.0  # the likeliest of them at first, in like light ...
-    usual_otherwise: float = 2.0  # ... and in other light
-    spread: float = 0.5  # difference from the likeliest over which the probability falls by e
-    memory: float = 10.0  # frames from which the usual lead is learned
-    sigma: float = 1.6  # of the leads of true places, and of others about 0
-    floor: float = 2.0  # blocks that a rival has at least
-    surprising: float = 3.0  # log ratio of a lead that chance does not give
 
 
 @constants
@@ -118,22 +98,12 @@ class Leads:
         return CELLS.constant + CELLS.strength * self.strength + CELLS.score * self.score
 
 
-@dataclass(frozen=True, slots=True)
-class Asked:
-    """A place that keypoints were asked about."""
-
-    lead: float  # over the best of its rivals
-    ratio: float  # k of `Likelihood.asked`
-    is_current: bool  # whether the place is of the running drive
-    is_like: bool  # whether drive and place are of like light
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Evidence:
     """What a frame shows of verified places, and how far the belief expected it."""
 
     cells: Doubles  # (n,), log ratios of `Leads.cells`
-    keypoints: Doubles  # (n,), k of `Likelihood.asked`; 0 where not asked
+    keypoints: Doubles  # (n,), k: log ratios; 0 where not asked
     is_strongest: Flags  # (n,), which places lie at the strongest one
     follows: float  # share of the belief's places, in [0, 1], that predicted the strongest one
     chance: float  # that the strongest place of a drive elsewhere lies there, in (0, 1]
@@ -149,7 +119,6 @@ class Likelihood:
     def reset(self) -> None:
         self._strength_scale = RecentMean(1.0, CELLS.memory / 2)
         self._score_scale = RecentMean(CELLS.prior_score, CELLS.memory / 2)
-        self._usual: dict[bool, Doubles] = {}  # learned probabilities (5,), by `is_current`
 
     def log_ratios(self, evidence: Evidence) -> Doubles:
         """
@@ -186,64 +155,6 @@ class Likelihood:
             if (gap := gumbel_scale(best[is_rival])) is not None:
                 scale.add(gap)
         return Leads(lead, above.clip(-CELLS.most_scales, CELLS.most_scales))
-
-    def asked(
-        self,
-        blocks: Mapping[int, int],
-        current: Mapping[int, bool],
-        is_alike: bool,
-        is_near: Callable[[int, int], bool],
-    ) -> dict[int, Asked]:
-        """
-        Return the answers of the keypoints about places, from their agreeing blocks.
-
-        Leads are normal, with a mean u at true places and 0 elsewhere. How large u is, depends on
-        drive and map, so the ratio e^k of a lead x is the mean over the leads that may be usual,
-
-            k = log sum_u p(u) exp(u (x - u / 2) / sigma^2)
-
-        Where keypoints do not repeat, u is 0 and they are silent. Places that are near each other,
-        and places that both lead over chance, show the same scene: neither is a rival.
-        """
-        roots = {place: 2 * math.sqrt(count) for place, count in blocks.items()}
-        least = 2 * math.sqrt(KEYPOINTS.floor)
-
-        def answer(place: int, lead: float) -> Asked:
-            is_like = current[place] or is_alike
-            usual = self._usual_leads(current[place], is_like)
-            return Asked(lead, math.log(usual @ _usual_ratios(lead)), current[place], is_like)
-
-        scenes = {p for p in roots if answer(p, roots[p] - least).ratio > KEYPOINTS.surprising}
-        answers = {}
-        for place, root in roots.items():
-            shown = scenes if place in scenes else {place}
-            rivals = [roots[p] for p in roots if p not in shown and not is_near(p, place)]
-            answers[place] = answer(place, root - max([least, *rivals]))
-        return answers
-
-    def learn(self, answer: Asked, mass: float) -> None:
-        """Take in the lead of a place that the frame shows with a probability of `mass`."""
-        usual = self._usual_leads(answer.is_current, answer.is_like)
-        usual = usual * (1 - mass + mass * _usual_ratios(answer.lead))
-        forgotten = (_usual_at_first(answer.is_like) - usual / usual.sum()) / KEYPOINTS.memory
-        self._usual[answer.is_current] = usual / usual.sum() + forgotten
-
-    def _usual_leads(self, is_current: bool, is_like: bool) -> Doubles:
-        """Return the probabilities (5,) of the leads that may be usual."""
-        return self._usual.get(is_current, _usual_at_first(is_like))
-
-
-def _usual_ratios(lead: float) -> Doubles:
-    """Return the density ratios (5,) of a lead, by the lead that is usual."""
-    usual = np.array(KEYPOINTS.usual)
-    return np.asarray(np.exp(usual * (lead - usual / 2) / KEYPOINTS.sigma**2))
-
-
-def _usual_at_first(is_like: bool) -> Doubles:
-    """Return the probabilities (5,) of the leads that may be usual, before a drive shows any."""
-    likeliest = KEYPOINTS.usual_alike if is_like else KEYPOINTS.usual_otherwise
-    falls = np.exp(-abs(np.array(KEYPOINTS.usual) - likeliest) / KEYPOINTS.spread)
-    return np.asarray(falls / falls.sum())
 
 
 def strength_of(result: Verification) -> float:

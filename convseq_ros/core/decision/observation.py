@@ -15,10 +15,8 @@ from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.decider import distinct_peaks, Query
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import (
-    Asked,
     Evidence,
     gain_of,
-    KEYPOINTS,
     Leads,
     Likelihood,
     strength_of,
@@ -26,6 +24,7 @@ from convseq_ros.core.decision.likelihood import (
 )
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
+from convseq_ros.core.decision.usual_lead import answers, Asked, KEYPOINTS, ratios_of, STATES
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
@@ -68,6 +67,7 @@ class Observation:
     has_rivals: bool  # whether there are enough controls to accept a match
     leads: Leads | None = None  # of the verified places
     asked: Mapping[int, Asked] = field(default_factory=dict)  # by place, what keypoints say
+    said: Doubles | None = None  # (6, n), keypoints' ratios by state; None if they are not asked
 
 
 class Observer:
@@ -147,7 +147,7 @@ class Observer:
         verified: Mapping[int, Verification],
         peaks: Sequence[int],
     ) -> Observation:
-        likelihood, buffer = self.likelihood, query.buffer
+        likelihood = self.likelihood
         log_ratios = np.full(len(places), UNVERIFIED)
         if not verified:
             return Observation(places, log_ratios, verified, False)
@@ -159,8 +159,6 @@ class Observer:
         is_rival = is_peak & ~self._near.mask(examined, best)
         has_rivals = len(self._elsewhere(places, best)) >= OBSERVED.fewest and bool(is_rival.any())
         leads = likelihood.leads(strengths, scores[at], is_rival)
-        newest = buffer.newest.descriptor
-        is_alike = self._witness.is_like(query.frame, newest, query.usable)
         chance = min(1.0, (LINKS.neighbour_radius + 1) / query.usable)
         is_followed, mass = belief.elsewhere < 1, self._mass(belief, best, OBSERVED.beside)
         follows = mass / (1 - belief.elsewhere) if is_followed else 0.0
@@ -171,11 +169,12 @@ class Observer:
         asked = dict[int, Asked]()
         if not is_sure or by_cells < KEYPOINTS.surprising:
             strongest = examined[np.argsort(-strengths, kind='stable')]
-            asked = self._asked(query, belief, strongest, is_alike)
+            asked = self._asked(query, belief, strongest)
         spoken = {place: answer.ratio for place, answer in asked.items()}
+        states = belief.states_at(examined, query.session_start)
         evidence = Evidence(
             leads.cells,
-            self._said(examined, spoken),
+            np.log((states * self._said(examined, asked)).sum(axis=0)),
             self._near.beside(examined, best, OBSERVED.beside) & has_rivals,
             follows,
             chance,
@@ -193,21 +192,21 @@ class Observer:
         """Return the probability of the places within a distance of a place."""
         return float(belief.mass[self._near.beside(belief.places, place, distance)].sum())
 
-    def _said(self, places: Indices, spoken: Mapping[int, float]) -> Doubles:
+    def _said(self, places: Indices, asked: Mapping[int, Asked]) -> Doubles:
         """
-        Return the log ratios (n,) of places (n,) by keypoints, 0 where these say nothing.
+        Return the likelihood ratios (6, n) of places (n,) by keypoints and state.
 
-        Keypoints that deny a place deny those beside it, too.
+        They are 1 where these say nothing. Keypoints that deny a place deny those beside it, too.
         """
-        asked, ratios = np.array([*spoken], np.int64), np.array([*spoken.values()])
-        near = self._near.best_beside(places, asked, ratios, LINKS.neighbour_radius // 2)
-        denied = np.where(np.isfinite(near), np.minimum(near, 0.0), 0.0)
-        own = zip(places.tolist(), denied.tolist(), strict=True)
-        return np.array([spoken.get(place, ratio) for place, ratio in own])
+        said, is_asked = np.ones((STATES, len(places))), np.isin(places, [*asked])
+        for place, answer in asked.items():
+            ratios = ratios_of(answer.lead)[:, None]
+            beside = self._near.beside(places, place, LINKS.neighbour_radius // 2) & ~is_asked
+            said[:, beside] = np.minimum(said[:, beside], ratios)
+            said[:, places == place] = ratios
+        return said
 
-    def _asked(
-        self, query: Query, belief: Belief, strongest: Indices, is_alike: bool
-    ) -> dict[int, Asked]:
+    def _asked(self, query: Query, belief: Belief, strongest: Indices) -> dict[int, Asked]:
         """
         Return what keypoints say of the strongest places that are apart and of the likeliest one.
 
@@ -234,8 +233,8 @@ class Observer:
         blocks = {
             place: self._witness.blocks(keypoints, place, motion(place), side) for place in chosen
         }
-        current = {place: place >= query.session_start for place in blocks}
-        return self.likelihood.asked(blocks, current, is_alike, self._near.is_near)
+        states = belief.states_at(np.array([*blocks], np.int64), query.session_start)
+        return answers(blocks, dict(zip(blocks, states.T, strict=True)), self._near.is_near)
 
     def _with(self, observed: Observation, believed: Indices) -> Observation:
         """Return an observation with more places; low ratios spread to unverified neighbours."""
@@ -244,14 +243,15 @@ class Observer:
         log_ratios = np.full(len(places), UNVERIFIED)
         at = np.searchsorted(places, observed.places)
         log_ratios[at] = observed.log_ratios
+        said = self._said(places, observed.asked) if observed.asked else None
         if not len(examined):
-            return replace(observed, places=places, log_ratios=log_ratios)
+            return replace(observed, places=places, log_ratios=log_ratios, said=said)
         ratios = observed.log_ratios[np.searchsorted(observed.places, examined)]
         best = self._near.best_beside(places, examined, ratios, LINKS.neighbour_radius // 2)
         is_beside = np.isfinite(best)
         is_beside[np.searchsorted(places, examined)] = False
         log_ratios[is_beside] = np.minimum(log_ratios[is_beside], best[is_beside])
-        return replace(observed, places=places, log_ratios=log_ratios)
+        return replace(observed, places=places, log_ratios=log_ratios, said=said)
 
     def _peaks(self, places: Indices, scores: Doubles, count: int) -> list[int]:
         """Return the best places by pair score that are not near each other, best first."""

@@ -3,9 +3,11 @@
 """The filter, its motion and what is near: worked by hand, and what holds of any step."""
 
 from itertools import pairwise
+import math
 
 from convseq_ros.core.decision.belief import BELIEF, Belief, MotionModel
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
+from convseq_ros.core.decision.usual_lead import ratios_of, UsualLead
 from convseq_ros.core.rigid import of_roll_pitch_yaw
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -54,82 +56,118 @@ def sure_of(belief, place):
     """Have a belief be sure of a place."""
     for _ in range(4):
         updated(belief, [40.0], [place], others=-40.0)
-    assert belief.elsewhere < 1e-6
+    assert belief.elsewhere == pytest.approx(0.001, rel=1e-3)  # a thousandth is a copy
     return belief
 
 
 def test_the_second_step_by_hand(a_map):
-    belief = Belief(a_map(4), Driven())
+    belief = Belief(a_map(4), Driven(), UsualLead())
     first = updated(belief, np.log([1, 20, 1, 1])).mass
-    belief.predict(4)
+    belief.predict(4, 4)
     mass, elsewhere = masses(belief, 4)
     # All move on by one; the last runs off the map, and of each a two-thousandth leaves it.
     prior = (1 - 0.0005) * np.array([0, *first[:3]])
     assert mass == pytest.approx(prior) and elsewhere == pytest.approx(1 - prior.sum())
     updated(belief, np.log([1, 1, 20, 1]), entry=[1, 1, 0.5, 0])
+    # A thousandth is at copies of places, which are elsewhere; of these, four in a thousand end.
+    copies = (1 - 0.0005) * 0.996 * 0.001 / 0.999 * np.array([0, *first[:3]])
     # What ran off the map is lost; without earlier drives, it does not enter.
-    entering = 0.004 * (elsewhere - first[3])
-    share, stays = (entering * np.array([1, 1, 0.5, 0]) + 1e-4) / 4, elsewhere - entering
-    weights = (prior + share) * [1, 1, 20, 1]
-    total = weights.sum() + stays
+    apart = elsewhere - copies.sum()
+    entering = 0.004 * (apart - first[3] / 0.999)
+    share, stays = (entering * np.array([1, 1, 0.5, 0]) + 5e-4) / 4, apart - entering
+    weights = (prior + 0.999 * share) * [1, 1, 20, 1]
+    copies = (copies + 0.001 * share) * [1, 1, 20, 1]
+    total = weights.sum() + copies.sum() + stays
     mass, left = masses(belief, 4)
-    assert mass == pytest.approx(weights / total) and left == pytest.approx(stays / total)
+    assert mass == pytest.approx(weights / total)
+    assert left == pytest.approx((stays + copies.sum()) / total)
+
+
+def test_what_keypoints_say_moves_mass_between_true_places_and_copies(a_map):
+    usual = UsualLead()
+    usual.difference = 0.0
+    belief = Belief(a_map(4), Driven(0.0), usual)
+    updated(belief, np.log([1, 20, 1, 1]), earlier=4)
+    before, elsewhere = masses(belief, 4)
+    said = np.ones((6, 4))
+    said[:, 1] = ratios_of(0.0)  # at place 1, keypoints lead by nothing
+    states = belief.states_at(np.array([1]), 4)[:, 0]
+    assert states == pytest.approx(usual.entering(np.array([False]))[:, 0])
+    belief.predict(4, 4)
+    moved = usual.moved(states[:, None], np.array([False]))[:, 0]
+    shares = moved * said[:, 1] / (moved @ said[:, 1])
+    log_ratios = np.array([0, math.log(moved @ said[:, 1] / moved.sum()), 0, 0])
+    belief.update(belief.places, log_ratios, np.zeros(4), 4, 4, said)
+    assert belief.states_at(np.array([1]), 4)[:, 0] == pytest.approx(shares, rel=1e-2)
+    mass, left = masses(belief, 4)
+    assert mass[1] < 0.05 * before[1] and left > elsewhere
+    assert belief.usual_leads(belief.places == 1).sum() == pytest.approx(mass[1])
+    assert belief.elsewhere + belief.mass.sum() == pytest.approx(1)
+
+
+def test_a_place_without_mass_has_the_states_of_what_enters(a_map):
+    usual = UsualLead()
+    belief = Belief(a_map(4), Driven(), usual)
+    expected = usual.entering(np.array([False, True]))
+    assert belief.states_at(np.array([1, 3]), 2) == pytest.approx(expected)
 
 
 def test_a_lost_robot_is_in_the_map_of_an_earlier_drive_as_likely_as_not(a_map):
     def first_mass(count, earlier):
-        return updated(Belief(a_map(count), Driven()), np.zeros(count), earlier=earlier).mass.sum()
+        return updated(
+            Belief(a_map(count), Driven(), UsualLead()), np.zeros(count), earlier=earlier
+        ).mass.sum()
 
-    assert first_mass(400, 400) == pytest.approx(0.5, abs=1e-4)
-    assert first_mass(100, 100) == pytest.approx(0.15, abs=1e-4)  # so no frame decides alone
-    assert first_mass(100, 0) == pytest.approx(1e-4, rel=0.01)  # of no earlier drive
-    belief = updated(Belief(a_map(400), Driven()), np.full(400, -40.0), earlier=400)
+    assert first_mass(400, 400) == pytest.approx(0.999 * 0.5, abs=5e-4)
+    assert first_mass(100, 100) == pytest.approx(0.15, abs=5e-4)  # so no frame decides alone
+    assert first_mass(100, 0) == pytest.approx(0.999 * 5e-4, rel=0.01)  # of no earlier drive
+    belief = updated(Belief(a_map(400), Driven(), UsualLead()), np.full(400, -40.0), earlier=400)
     later = updated(belief, np.zeros(400), earlier=400).mass.sum()
-    assert later == pytest.approx(0.004, abs=2e-4)  # the first frame denies all places
+    assert later == pytest.approx(0.004 + 5e-4, abs=2e-4)  # the first frame denies all places
 
 
 def test_mass_that_runs_off_a_session_may_be_anywhere_in_the_map(a_map):
-    belief = sure_of(Belief(a_map(400, 4), Driven()), 403)
-    belief.predict(404)
+    belief = sure_of(Belief(a_map(400, 4), Driven(), UsualLead()), 403)
+    belief.predict(404, 404)
     assert belief.elsewhere > 0.99
     updated(belief, np.zeros(404), earlier=404)
     assert belief.mass.sum() == pytest.approx(0.5, abs=0.01)
 
 
 def test_a_little_of_the_mass_takes_up_another_velocity(a_map):
-    belief = Belief(a_map(20), Driven(1.0, 3.0))
+    belief = Belief(a_map(20), Driven(1.0, 3.0), UsualLead())
     sure_of(belief, 2)
-    belief.predict(20)
+    belief.predict(20, 20)
     updated(belief, [40.0], [5], others=-40.0)  # it was three
     assert belief.velocity(5) == 3.0 and belief.velocity(12) == 1.0
-    belief.predict(20)
+    belief.predict(20, 20)
     mass, _ = masses(belief, 20)
     assert mass[8] == pytest.approx(1, abs=0.01)
-    belief.predict(20)
+    belief.predict(20, 20)
     changed = BELIEF.changing / 2
     assert masses(belief, 20)[0][9] == pytest.approx(changed, rel=0.1)
 
 
 def test_a_robot_in_reverse_gear_is_followed_though_each_frame_shows_places_beside_as_well(a_map):
     street = a_map(60)
-    belief = Belief(street, MotionModel(street, both=False, way_error=0.1))
+    belief = Belief(street, MotionModel(street, both=False, way_error=0.1), UsualLead())
     for place in range(50, 10, -1):
-        belief.predict(60)
+        belief.predict(60, 60)
         updated(belief, 6.0 - 0.25 * abs(np.arange(60) - place))
         (likeliest,) = belief.likeliest(1)
         assert abs(likeliest - place) <= (4 if place > 40 else 1)
 
 
 def test_the_likeliest_come_best_first_however_little_they_hold(a_map):
-    belief = Belief(a_map(6), Driven())
+    belief = Belief(a_map(6), Driven(), UsualLead())
     updated(belief, np.log([5, 450, 5, 300, 0.05, 5]))
     assert belief.likeliest(2) == [1, 3] and belief.likeliest(9) == [1, 3, 0, 2, 5, 4]
 
 
 def test_mass_runs_off_the_end_of_a_session_and_of_what_may_be_matched(a_map):
     for place, usable in ((4, 10), (9, 10), (6, 7)):
-        belief = sure_of(Belief(a_map(5, 5), Driven()), place)
-        belief.predict(usable)
+        belief = sure_of(Belief(a_map(5, 5), Driven(), UsualLead()), place)
+        belief.predict(usable, usable)
         assert belief.elsewhere == pytest.approx(1, abs=1e-3)
         assert place + 1 not in belief.places
 
@@ -139,27 +177,27 @@ def test_a_tenth_of_a_place_goes_on_from_its_looks(a_map):
     whole.links.add(45, 10)
     # 2 to 18 are looks of 45; it is one of all of them.
     looks = whole.links.looks(45)
-    belief = sure_of(Belief(whole, Driven()), 45)
-    belief.predict(60)
+    belief = sure_of(Belief(whole, Driven(), UsualLead()), 45)
+    belief.predict(60, 60)
     mass, _ = masses(belief, 60)
-    assert mass[46] == pytest.approx(0.9, abs=1e-3)
+    assert mass[46] == pytest.approx(0.9, abs=2e-3)
     assert mass[[one + 1 for one in looks]] == pytest.approx(0.1 / len(looks), rel=0.01)
-    belief = sure_of(Belief(whole, Driven()), 45)
-    belief.predict(46)  # looks that may not be matched get nothing; those before do
+    belief = sure_of(Belief(whole, Driven(), UsualLead()), 45)
+    belief.predict(46, 46)  # looks that may not be matched get nothing; those before do
     assert masses(belief, 60)[0][[one + 1 for one in looks]].sum() == pytest.approx(0.1, rel=0.01)
 
 
 def test_a_belief_that_is_denied_goes_elsewhere_step_by_step(a_map):
-    belief = sure_of(Belief(a_map(20), Driven(0.0)), 7)
+    belief = sure_of(Belief(a_map(20), Driven(0.0), UsualLead()), 7)
     left = [belief.elsewhere]
     for _ in range(12):
-        belief.predict(20)
+        belief.predict(20, 20)
         left.append(updated(belief, np.full(20, -1.0), others=-1.0).elsewhere)
     assert all(one < other for one, other in pairwise(left)) and left[-1] > 0.9
 
 
 def test_the_belief_recovers_from_the_lowest_likelihoods(a_map):
-    belief = Belief(a_map(20), Driven(0.0))
+    belief = Belief(a_map(20), Driven(0.0), UsualLead())
     for _ in range(50):
         updated(belief, np.full(20, -50.0), others=-50.0)
     assert belief.elsewhere == pytest.approx(1)
@@ -183,11 +221,11 @@ STEPS = st.lists(
 def driven(whole, steps, both, order=None, most=50.0, looked=0.6):
     """Yield a belief after each prediction and each update; places renumbered by an order."""
     order = np.arange(len(whole)) if order is None else order
-    belief = Belief(whole, MotionModel(whole, both, 0.05))
+    belief = Belief(whole, MotionModel(whole, both, 0.05), UsualLead())
     for seed, extreme, x in steps:
         pose = None if x is None else of_roll_pitch_yaw((x, 0.0, 0.0), 0.0, 0.0, 0.0)
         belief.motion.move(pose, 0)
-        belief.predict(len(whole))
+        belief.predict(len(whole), len(whole))
         yield belief
         rng = np.random.default_rng(seed)
         ratios, entry = rng.uniform(-most, most, len(order)), rng.uniform(0, 1, len(order))
@@ -276,7 +314,7 @@ def test_beyond_the_end_of_a_session_places_are_as_far_apart_as_the_last(a_map):
 
 def test_a_belief_that_is_reset_knows_no_odometry(a_map):
     street = a_map(30, step_m=2.0)
-    belief = Belief(street, MotionModel(street, both=False, way_error=ERROR))
+    belief = Belief(street, MotionModel(street, both=False, way_error=ERROR), UsualLead())
     belief.motion.move(at(0), 0)
     belief.reset()
     belief.motion.move(at(5), 0)

@@ -5,7 +5,6 @@
 import math
 
 from convseq_ros.core.decision.likelihood import (
-    Asked,
     Evidence,
     gumbel_scale,
     Leads,
@@ -96,101 +95,6 @@ def test_the_gaps_between_rivals_are_the_scale_of_later_leads():
     assert later.strength[0] == pytest.approx(10 / scale)
     scale = (0.95 * 10 * 0.008 + 0.015) / 10.5
     assert later.score[0] == pytest.approx(0.01 / scale)
-
-
-NEW = {1: False, 2: False}  # places of earlier drives
-OURS = {1: True, 2: True}  # of the running one
-
-
-LEAST = 2 * 2**0.5  # twice the root of the blocks that chance gives
-
-
-def said(lead, likeliest):
-    """Return the log ratio of a lead: normal about a usual one, or about 0 elsewhere."""
-    usual = [0, 2, 4, 6, 8]  # less probable by e for each half from the likeliest
-    shares = [math.exp(-2 * abs(one - likeliest)) for one in usual]
-    ratios = [math.exp((lead**2 - (lead - one) ** 2) / (2 * 1.6**2)) for one in usual]
-    met = zip(shares, ratios, strict=True)
-    return math.log(sum(share * one for share, one in met) / sum(shares))
-
-
-def asked(blocks, current=NEW, is_alike=True, near=(), likelihood=None):
-    """Return what keypoints say of places; `near` are pairs of places, the smaller one first."""
-
-    def is_near(one, other):
-        return tuple(sorted((one, other))) in near
-
-    return (likelihood or Likelihood()).asked(blocks, current, is_alike, is_near)
-
-
-def test_keypoints_of_a_place_lead_those_of_the_others_or_what_chance_gives():
-    both = asked({1: 25, 2: 9})  # twice the roots: 10 and 6
-    assert (both[1].lead, both[2].lead) == (4, -4)
-    assert both[1].ratio == pytest.approx(said(4, 6))
-    assert both[2].ratio == pytest.approx(said(-4, 6)) and both[2].ratio < -6
-    few, alone = asked({1: 25, 2: 1}), asked({1: 25})
-    assert few[1].ratio == alone[1].ratio == pytest.approx(said(10 - LEAST, 6))
-    assert asked({}) == {}
-
-
-def test_less_is_usual_in_other_light_but_on_the_running_drive():
-    assert asked({1: 25}, is_alike=False)[1].ratio == pytest.approx(said(10 - LEAST, 2))
-    assert asked({1: 25}, OURS, is_alike=False)[1].ratio == pytest.approx(said(10 - LEAST, 6))
-
-
-def test_two_places_that_both_lead_over_chance_are_no_rivals():
-    alone = asked({1: 25})[1].ratio
-    over = next(n for n in range(25) if asked({2: n})[2].ratio > 3)
-    assert asked({1: 25, 2: over})[1].ratio == alone
-    assert asked({1: 25, 2: over})[2].ratio == asked({2: over})[2].ratio
-    lead = 10 - 2 * (over - 1) ** 0.5
-    assert asked({1: 25, 2: over - 1})[1].ratio == pytest.approx(said(lead, 6))
-
-
-def test_places_near_each_other_are_no_rivals():
-    three = {1: 9, 2: 8, 3: 7}  # none leads over chance enough
-    current = dict.fromkeys(three, False)
-    leads = {place: one.lead for place, one in asked(three, current, near=[(1, 3)]).items()}
-    roots = {place: 2 * count**0.5 for place, count in three.items()}
-    assert leads[1] == pytest.approx(roots[1] - roots[2])
-    assert leads[2] == pytest.approx(roots[2] - roots[1])
-    assert leads[3] == pytest.approx(roots[3] - roots[2])
-
-
-def test_the_usual_lead_is_learned_from_places_as_far_as_the_frame_shows_them():
-    likelihood = Likelihood()
-    first = asked({1: 25})[1].ratio
-
-    def learned(lead, mass, times=1, current=False):
-        likelihood.reset()
-        for _ in range(times):
-            likelihood.learn(Asked(lead, 0.0, current, True), mass)
-        return asked({1: 25}, OURS if current else NEW, likelihood=likelihood)[1].ratio
-
-    assert learned(1.0, 0.0) == pytest.approx(first)  # elsewhere, leads say nothing of true places
-    assert learned(6.0, 1.0, 9) == pytest.approx(first, abs=0.5)
-    # Nine tenths of p(u) e^k(u), and one of what was known at first.
-    ratio = sum(
-        (0.9 * posterior + 0.1 * prior) * math.exp(one * (10 - LEAST - one / 2) / 1.6**2)
-        for one, posterior, prior in zip([0, 2, 4, 6, 8], *one_lesson(2.0), strict=True)
-    )
-    assert learned(2.0, 1.0) == pytest.approx(math.log(ratio))
-    silent = asked({1: 25}, likelihood=likelihood)[1].ratio
-    assert 0 < learned(-3.0, 1.0, 400) < silent < first  # hardly any lead is usual
-    assert asked({1: 25}, OURS, likelihood=likelihood)[1].ratio == pytest.approx(first)
-    learned(-3.0, 1.0, 9, current=True)
-    assert asked({1: 25}, NEW, likelihood=likelihood)[1].ratio == pytest.approx(first)
-
-
-def one_lesson(lead):
-    """Return the probabilities of usual leads after a true place had a lead, and before."""
-    shares = [math.exp(-2 * abs(one - 6)) for one in (0, 2, 4, 6, 8)]
-    prior = [share / sum(shares) for share in shares]
-    fits = [
-        share * math.exp(-((lead - one) ** 2) / (2 * 1.6**2))
-        for share, one in zip(prior, (0, 2, 4, 6, 8), strict=True)
-    ]
-    return [fit / sum(fits) for fit in fits], prior
 
 
 def test_a_strength_is_at_most_three_times_that_of_the_upper_half():

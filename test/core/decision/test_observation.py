@@ -10,6 +10,7 @@ from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.likelihood import COPIES
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.observation import OBSERVED, Observer
+from convseq_ros.core.decision.usual_lead import UsualLead
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.types import Frame
 from hypothesis import given, settings
@@ -64,14 +65,11 @@ class Listed:
 class Told:
     """Stands in for keypoints: in how many blocks they agree with places; None has none."""
 
-    def __init__(self, blocks=None, is_alike=True):
-        self._blocks, self._is_alike, self.places = blocks, is_alike, []
+    def __init__(self, blocks=None):
+        self._blocks, self.places = blocks, []
 
     def reset(self):
         """Forget nothing."""
-
-    def is_like(self, _frame, _descriptor, _usable):
-        return self._is_alike
 
     def knows(self, place):
         return self._blocks is not None and self._blocks.get(place, 4) is not None
@@ -85,9 +83,10 @@ class Told:
         return query.get(place, 4)
 
 
-def believing(masses=None):
-    """Return a belief by the mass of each place."""
-    masses = masses or {}
+def believing(masses=None, difference=0.0):
+    """Return a belief by the mass of each place, at a difference of light."""
+    masses, usual = masses or {}, UsualLead()
+    usual.difference = difference
     ranked = sorted(masses, key=lambda place: -masses[place])
     places = np.array(sorted(masses), np.int64)
     return SimpleNamespace(
@@ -95,6 +94,7 @@ def believing(masses=None):
         mass=np.array([masses[place] for place in places.tolist()]),
         elsewhere=1 - sum(masses.values()),
         likeliest=lambda count: ranked[:count],
+        states_at=lambda places, earlier: usual.entering(places >= earlier),
     )
 
 
@@ -111,14 +111,14 @@ def scored(best=30, score=0.104, count=100, **more):
 
 
 def looked(reference_map, buffer, masses=None, start=NONE, told=None, listed=None, usable=None,
-    config=None,
+    config=None, difference=0.0,
 ):  # fmt: skip
     """Return an observation, and the log ratio of each place."""
     count = len(buffer.rows[0])
     coarse = Listed(range(count) if listed is None else listed, count)
     observer = Observer(coarse, Neighbourhood(reference_map), told or Told(), 40)
     query = Query(Frame(0, None), buffer, usable or count, start, config or Config())
-    seen = observer.observe(query, believing(masses))
+    seen = observer.observe(query, believing(masses, difference))
     return seen, dict(zip(seen.places.tolist(), seen.log_ratios.tolist(), strict=True))
 
 
@@ -171,9 +171,6 @@ def test_keypoints_are_asked_about_the_strongest_places_apart_and_the_likeliest(
     assert [*seen.asked] == told.places and seen.asked[30].lead == pytest.approx(
         2 * 60**0.5 - 2 * 4**0.5
     )
-    assert not any(one.is_current for one in seen.asked.values())
-    seen, _ = looked(a_map(100), buffer, {50: 0.2}, start=70, told=told)
-    assert [place for place, one in seen.asked.items() if one.is_current] == [80]
 
 
 def test_keypoints_are_not_asked_where_the_belief_is_sure_and_cells_agree(a_map):
@@ -209,10 +206,10 @@ def test_keypoints_deny_the_place_that_cells_show_only_where_they_repeat(a_map, 
     alike = looked(a_map(100), buffer, told=there)[1]
     assert cells[place] > 0.3 > 0 > alike[place] and alike[60] > cells[60] + 3
     # By other light, few of them repeat, so their silence says little.
-    dark = looked(a_map(100), buffer, told=Told({}, is_alike=False))[1]
+    dark = looked(a_map(100), buffer, told=Told({}), difference=0.3)[1]
     assert cells[place] - 1.0 < dark[place] < cells[place]
     # In the running drive, light is the same.
-    ours = looked(a_map(100), buffer, start=0, told=Told({}, is_alike=False))[1]
+    ours = looked(a_map(100), buffer, start=0, told=Told({}), difference=0.3)[1]
     assert ours[place] < dark[place] - 2
 
 
@@ -325,10 +322,10 @@ def test_without_a_threshold_of_entropy_all_images_count_alike(a_map):
     st.sampled_from([0.0, 1.0, 1e4]),
     st.one_of(st.none(), st.floats(0, 1e4)),
     st.integers(0, 60),
-    st.booleans(),
+    st.sampled_from([0.0, 0.3, math.inf]),
 )
 def test_whatever_is_shown_ratios_are_finite_and_in_bounds(
-    a_map, count, seed, spread, most, step, start, is_alike
+    a_map, count, seed, spread, most, step, start, difference
 ):
     rng = np.random.default_rng(seed)
     scores = rng.normal(0, spread, count)
@@ -336,10 +333,10 @@ def test_whatever_is_shown_ratios_are_finite_and_in_bounds(
     strengths = dict(enumerate(rng.uniform(0, most, count).tolist()))
     believed = rng.permutation(count)[: count // 2].tolist()
     masses = dict(zip(believed, rng.dirichlet(np.ones(len(believed))).tolist(), strict=True))
-    told = Told(dict(enumerate(rng.integers(0, 257, count).tolist())), is_alike)
+    told = Told(dict(enumerate(rng.integers(0, 257, count).tolist())))
     listed = np.sort(rng.permutation(count)[:40])
     buffer = Shown(scores, strengths, step)
-    seen, _ = looked(a_map(count), buffer, masses, start, told, listed)
+    seen, _ = looked(a_map(count), buffer, masses, start, told, listed, difference=difference)
     assert {*believed} <= {*seen.places.tolist()}
     assert (np.diff(seen.places) > 0).all() and np.isfinite(seen.log_ratios).all()
     assert (seen.log_ratios <= -math.log(COPIES.all) + 1e-9).all()

@@ -1,0 +1,137 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What keypoints say of a place, by how far they usually lead there.
+
+Keypoints of a true place lead those of other places, on a wall of bricks or at night by nothing.
+How far they usually lead is unknown and changes along the way, so it is a state of each place in
+the belief. One more state is *a copy*: cells agree, but the place is another one.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+import math
+
+from convseq_ros.core.types import constants, Doubles, Flags
+import numpy as np
+
+
+@constants
+class KEYPOINTS:
+    """
+    The lead of a place's keypoints: of twice the root of the blocks that agree.
+
+    Chosen by the mean log probability that the belief gives to the truth, on the drives of
+    docs/NOTES.md; sigma and the usual lead by day are near what scripts/fit_observation.py prints.
+    """
+
+    usual: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0)  # leads that may be usual
+    by_day: float = 6.0  # the likeliest of them at first, if drive and map have the same light ...
+    dark: float = 0.45  # ... and it falls to 0 at this difference of `KeypointWitness.difference`
+    spread: float = 0.8  # difference from the likeliest over which the probability falls by e
+    changing: float = 0.1  # of the mass of a place, per keyframe: takes another usual lead
+    memory: float = 10.0  # matches from which the usual lead of a drive is learned
+    copies: float = 0.001  # share of mass that enters the map at a copy of a place
+    ending: float = 0.004  # of copies, per keyframe: end
+    sigma: float = 1.6  # of the leads of true places, and of others about 0
+    floor: float = 2.0  # blocks that a rival has at least
+    surprising: float = 3.0  # log ratio of a lead that chance does not give
+
+
+STATES = len(KEYPOINTS.usual) + 1  # of a place in the belief; the last is a copy
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A place that keypoints were asked about."""
+
+    lead: float  # over the best of its rivals
+    ratio: float  # logarithm of the likelihood ratio
+
+
+class UsualLead:
+    """
+    How probable each usual lead is where a drive enters the map; learned from its matches.
+
+    Apart for places of earlier drives and for those of the running drive, whose light is the same.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self.difference = math.inf  # of the light of drive and map
+        self._learned = dict[bool, Doubles]()  # probabilities (5,), by whether places are current
+
+    def probabilities(self, is_current: bool) -> Doubles:
+        """Return the probabilities (5,) of the usual leads."""
+        first = _at_first(0.0 if is_current else self.difference)
+        return self._learned.get(is_current, first)
+
+    def entering(self, is_current: Flags) -> Doubles:
+        """Return the shares (6, n) of the states of mass that enters places (n,); sums are 1."""
+        true = (1 - KEYPOINTS.copies) * self._by_place(is_current)
+        return np.vstack((true, np.full(len(is_current), KEYPOINTS.copies)))
+
+    def moved(self, states: Doubles, is_current: Flags) -> Doubles:
+        """
+        Return the mass (6, n) of the states of places after a step.
+
+        A share takes a usual lead anew, and a share of the copies ends: it is elsewhere.
+        """
+        true, changing = states[:-1], KEYPOINTS.changing
+        anew = changing * self._by_place(is_current) * true.sum(axis=0)
+        return np.vstack(((1 - changing) * true + anew, (1 - KEYPOINTS.ending) * states[-1]))
+
+    def learn(self, states: Doubles, is_current: bool) -> None:
+        """Take in the mass (5,) of the usual leads at a place that is a match."""
+        known = self.probabilities(is_current)
+        self._learned[is_current] = known + (states / states.sum() - known) / KEYPOINTS.memory
+
+    def _by_place(self, is_current: Flags) -> Doubles:
+        """Return the probabilities (5, n) of the usual leads of places (n,)."""
+        current, earlier = (self.probabilities(one)[:, None] for one in (True, False))
+        return np.where(is_current, current, earlier)
+
+
+def ratios_of(lead: float) -> Doubles:
+    """
+    Return the likelihood ratios (6,) of a lead, by state.
+
+    Leads are normal, with a mean of the usual lead u at true places, and of 0 elsewhere and at
+    copies: exp(u (lead - u / 2) / sigma^2).
+    """
+    usual = np.array((*KEYPOINTS.usual, 0.0))
+    return np.asarray(np.exp(usual * (lead - usual / 2) / KEYPOINTS.sigma**2))
+
+
+def answers(
+    blocks: Mapping[int, int], states: Mapping[int, Doubles], is_near: Callable[[int, int], bool]
+) -> dict[int, Asked]:
+    """
+    Return what keypoints say of places, from their agreeing blocks and the states' shares (6,).
+
+    Places that are near each other, and places that both lead over chance, show the same scene:
+    neither is a rival.
+    """
+    roots = {place: 2 * math.sqrt(count) for place, count in blocks.items()}
+    least = 2 * math.sqrt(KEYPOINTS.floor)
+
+    def answer(place: int, lead: float) -> Asked:
+        return Asked(lead, math.log(states[place] @ ratios_of(lead)))
+
+    scenes = {p for p in roots if answer(p, roots[p] - least).ratio > KEYPOINTS.surprising}
+    said = {}
+    for place, root in roots.items():
+        shown = scenes if place in scenes else {place}
+        rivals = [roots[p] for p in roots if p not in shown and not is_near(p, place)]
+        said[place] = answer(place, root - max([least, *rivals]))
+    return said
+
+
+def _at_first(difference: float) -> Doubles:
+    """Return the probabilities (5,) of the usual leads, before a drive shows any."""
+    likeliest = KEYPOINTS.by_day * max(0.0, 1 - difference / KEYPOINTS.dark)
+    falls = np.exp(-abs(np.array(KEYPOINTS.usual) - likeliest) / KEYPOINTS.spread)
+    return np.asarray(falls / falls.sum())

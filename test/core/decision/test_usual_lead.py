@@ -1,0 +1,125 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What keypoints say, and how far they usually lead: worked by hand."""
+
+import math
+
+from convseq_ros.core.decision.usual_lead import answers, ratios_of, UsualLead
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+USUAL = (0, 2, 4, 6, 8)
+LEAST = 2 * 2**0.5  # twice the root of the blocks that chance gives
+NEW, OURS = np.array([False]), np.array([True])  # a place of an earlier drive, of the running one
+
+
+def first(likeliest):
+    """Return probabilities that fall by e for each 0.8 from the likeliest lead."""
+    shares = np.array([math.exp(-abs(one - likeliest) / 0.8) for one in USUAL])
+    return shares / shares.sum()
+
+
+def said(lead, likeliest):
+    """Return the log ratio of a lead: normal about a usual one, or about 0 elsewhere."""
+    ratios = [math.exp((lead**2 - (lead - one) ** 2) / (2 * 1.6**2)) for one in USUAL]
+    return math.log(0.999 * (first(likeliest) @ ratios) + 0.001)
+
+
+def asked(blocks, near=(), usual=None, difference=0.0):
+    """Return what keypoints say of places; `near` are pairs of places, the smaller one first."""
+    usual = usual or UsualLead()
+    usual.difference = difference
+    states = {place: usual.entering(NEW)[:, 0] for place in blocks}
+    return answers(blocks, states, lambda one, other: tuple(sorted((one, other))) in near)
+
+
+def test_keypoints_of_a_place_lead_those_of_the_others_or_what_chance_gives():
+    both = asked({1: 25, 2: 9})  # twice the roots: 10 and 6
+    assert (both[1].lead, both[2].lead) == (4, -4)
+    assert both[1].ratio == pytest.approx(said(4, 6))
+    assert both[2].ratio == pytest.approx(said(-4, 6)) and both[2].ratio < -6
+    few, alone = asked({1: 25, 2: 1}), asked({1: 25})
+    assert few[1].ratio == alone[1].ratio == pytest.approx(said(10 - LEAST, 6))
+    assert asked({}) == {}
+
+
+@pytest.mark.parametrize(
+    ('difference', 'likeliest'), [(0.0, 6), (0.15, 4), (0.3, 2), (0.9, 0), (math.inf, 0)]
+)
+def test_less_is_usual_the_more_the_light_differs_but_not_on_the_running_drive(
+    difference, likeliest
+):
+    usual = UsualLead()
+    usual.difference = difference
+    assert usual.probabilities(is_current=False) == pytest.approx(first(likeliest))
+    assert usual.probabilities(is_current=True) == pytest.approx(first(6))
+    ratio = asked({1: 25}, difference=difference)[1].ratio
+    assert ratio == pytest.approx(said(10 - LEAST, likeliest))
+
+
+def test_two_places_that_both_lead_over_chance_are_no_rivals():
+    alone = asked({1: 25})[1].ratio
+    over = next(n for n in range(25) if asked({2: n})[2].ratio > 3)
+    assert asked({1: 25, 2: over})[1].ratio == alone
+    assert asked({1: 25, 2: over})[2].ratio == asked({2: over})[2].ratio
+    lead = 10 - 2 * (over - 1) ** 0.5
+    assert asked({1: 25, 2: over - 1})[1].ratio == pytest.approx(said(lead, 6))
+
+
+def test_places_near_each_other_are_no_rivals():
+    three = {1: 9, 2: 8, 3: 7}  # none leads over chance enough
+    leads = {place: one.lead for place, one in asked(three, near=[(1, 3)]).items()}
+    roots = {place: 2 * count**0.5 for place, count in three.items()}
+    assert leads[1] == pytest.approx(roots[1] - roots[2])
+    assert leads[2] == pytest.approx(roots[2] - roots[1])
+    assert leads[3] == pytest.approx(roots[3] - roots[2])
+
+
+def test_one_entering_mass_in_a_thousand_is_at_a_copy():
+    shares = UsualLead().entering(np.array([True, False]))
+    assert shares.sum(axis=0) == pytest.approx([1, 1])
+    assert shares[-1] == pytest.approx([0.001, 0.001])
+    assert shares[:-1, 0] == pytest.approx(0.999 * first(6))  # of the running drive
+    assert shares[:-1, 1] == pytest.approx(0.999 * first(0))  # of unknown light
+
+
+def test_a_tenth_takes_another_usual_lead_and_some_copies_end():
+    usual = UsualLead()
+    states = np.array([[0.5, 0, 0, 0, 0, 0.25]]).T
+    moved = usual.moved(states, OURS)[:, 0]
+    assert moved[:-1] == pytest.approx(0.5 * (0.9 * np.array([1, 0, 0, 0, 0]) + 0.1 * first(6)))
+    assert moved[-1] == pytest.approx(0.996 * 0.25)
+    dark = usual.moved(states, NEW)[0, 0]  # in other light, keypoints stay silent
+    assert dark == pytest.approx(0.5 * (0.9 + 0.1 * first(0)[0]))
+
+
+def test_a_tenth_of_what_is_known_is_the_last_match():
+    usual, silent = UsualLead(), np.array([0.5, 0.0, 0.0, 0.0, 0.0])
+    usual.learn(silent, is_current=True)
+    expected = 0.9 * first(6) + [0.1, 0, 0, 0, 0]
+    assert usual.probabilities(is_current=True) == pytest.approx(expected)
+    assert usual.probabilities(is_current=False) == pytest.approx(first(0))
+    usual.learn(silent, is_current=True)
+    expected = 0.9 * expected + [0.1, 0, 0, 0, 0]
+    assert usual.probabilities(is_current=True) == pytest.approx(expected)
+    usual.reset()
+    assert usual.probabilities(is_current=True) == pytest.approx(first(6))
+
+
+def test_ratios_of_a_lead_by_hand():
+    assert ratios_of(0.0) == pytest.approx(
+        [1, *(math.exp(-(one**2) / 5.12) for one in USUAL[1:]), 1]
+    )
+    assert ratios_of(4.0)[2] == pytest.approx(math.exp(16 / 5.12))
+
+
+@given(st.floats(-40, 40), st.floats(0, 2), st.floats(0, 1))
+def test_whatever_keypoints_show_a_copy_is_never_denied(lead, difference, share):
+    usual = UsualLead()
+    usual.difference = difference
+    states = share * usual.entering(NEW)
+    after = usual.moved(states, NEW) * ratios_of(lead)[:, None]
+    assert np.isfinite(after).all() and (after >= 0).all()
+    assert after[-1, 0] == pytest.approx(0.996 * 0.001 * share)
