@@ -336,6 +336,24 @@ def test_without_keypoints_cells_decide_alone_and_nothing_else_changes():
         assert one.accepted.reference_index == other.accepted.reference_index
 
 
+@pytest.mark.parametrize(('until', 'found'), [(0, False), (12, True)])
+def test_keypoints_that_never_agree_deny_a_place_and_those_that_no_longer_do_are_silent(
+    monkeypatch, until, found
+):
+    known = build_map(frames(60), None, OWN)
+    recognizer = PlaceRecognizer(known, OWN)
+    blocks, shown = KeypointWitness.blocks, []
+
+    def seen(*asked):
+        return blocks(*asked) if len(shown) < until else 0
+
+    monkeypatch.setattr(KeypointWitness, 'blocks', seen)
+    for frame in frames(50)[10:]:
+        shown.append(recognizer.process(frame))
+    assert all(match.accepted for match in shown[until + 6 :]) is found
+    assert any(match.accepted for match in shown) is found
+
+
 def test_a_damaged_thumbnail_is_left_out_of_the_light(walled, monkeypatch):
     def damaged(index):
         if index == 5:
