@@ -85,9 +85,15 @@ class UsualLead:
         return np.vstack(((1 - changing) * true + anew, (1 - KEYPOINTS.ending) * states[-1]))
 
     def learn(self, states: Doubles, is_current: bool) -> None:
-        """Take in the mass (5,) of the usual leads at a place that is a match."""
+        """
+        Take in the mass (5,) of the usual leads at a place that is a match.
+
+        None becomes less probable than the least probable at first: keypoints may fall silent.
+        """
         known = self.probabilities(is_current)
-        self._learned[is_current] = known + (states / states.sum() - known) / KEYPOINTS.memory
+        learned = known + (states / states.sum() - known) / KEYPOINTS.memory
+        floored = np.maximum(learned, _at_first(0.0).min())
+        self._learned[is_current] = floored / floored.sum()
 
     def _by_place(self, is_current: Flags) -> Doubles:
         """Return the probabilities (5, n) of the usual leads of places (n,)."""

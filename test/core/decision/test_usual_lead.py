@@ -98,7 +98,7 @@ def test_a_tenth_takes_another_usual_lead_and_some_copies_end():
 def test_a_tenth_of_what_is_known_is_the_last_match():
     usual, silent = UsualLead(), np.array([0.5, 0.0, 0.0, 0.0, 0.0])
     usual.learn(silent, is_current=True)
-    expected = 0.9 * first(6) + [0.1, 0, 0, 0, 0]
+    expected = 0.9 * first(6) + [0.1, 0, 0, 0, 0]  # all above the floor
     assert usual.probabilities(is_current=True) == pytest.approx(expected)
     assert usual.probabilities(is_current=False) == pytest.approx(first(0))
     usual.learn(silent, is_current=True)
@@ -106,6 +106,15 @@ def test_a_tenth_of_what_is_known_is_the_last_match():
     assert usual.probabilities(is_current=True) == pytest.approx(expected)
     usual.reset()
     assert usual.probabilities(is_current=True) == pytest.approx(first(6))
+
+
+def test_however_many_matches_show_it_keypoints_may_fall_silent():
+    usual = UsualLead()
+    for _ in range(1000):
+        usual.learn(np.array([0.0, 0.0, 0.0, 0.9, 0.0]), is_current=True)
+    learned = usual.probabilities(is_current=True)
+    assert learned[[0, 1, 2, 4]] == pytest.approx(first(6)[0], rel=0.01)
+    assert learned.sum() == pytest.approx(1)
 
 
 def test_ratios_of_a_lead_by_hand():
