@@ -185,7 +185,9 @@ def limited(arguments, size):
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
-    return run(*START, *arguments, preexec_fn=limit, timeout=180)
+    # Python would write its own caches of modules short, without an error.
+    env = {**os.environ, 'PYTHONDONTWRITEBYTECODE': '1'}
+    return run(*START, *arguments, preexec_fn=limit, env=env, timeout=180)
 
 
 def test_no_space_left_for_a_map_is_one_line_and_keeps_what_was_committed(drive, tmp_path):
