@@ -230,7 +230,7 @@ class Belief:
         entry: Doubles,
         usable: int,
         earlier: int,
-        said: Doubles | None = None,
+        keypoints: Doubles | None = None,
     ) -> None:
         """
         Multiply the mass of places (n,), ascending, by their likelihood ratios.
@@ -238,9 +238,9 @@ class Belief:
         `places` has all places that hold mass, and may have more of the first `usable` places.
         `log_ratios` (n,) are logarithms: how many times likelier the frame is there than
         elsewhere. `entry` (n,), in [0, 1], is the share of entering mass that odometry allows.
-        `earlier` is the number of places of earlier drives, where a lost robot may be. `said`
-        (6, n) is the keypoints' part of the ratios by state; without it, the shares of the states
-        stay.
+        `earlier` is the number of places of earlier drives, where a lost robot may be.
+        `keypoints` (6, n) are likelihood ratios of the keypoints alone, by state; without, the
+        shares of the states stay.
         """
         at, count = np.searchsorted(places, self.places), len(places)
         mass, states = np.zeros((len(self._mass), count)), np.zeros((STATES, count))
@@ -251,8 +251,8 @@ class Belief:
         mass += self.motion.prior[:, None] * share
         mass *= np.exp(log_ratios)
         states += self._usual.entering(places >= earlier) * share
-        if said is not None:
-            states *= said
+        if keypoints is not None:
+            states *= keypoints
         apart, self._lost = self._apart - entering, 0.0
         total = float(mass.sum()) + apart
         mass, self._apart = mass / total, apart / total

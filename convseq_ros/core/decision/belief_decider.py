@@ -81,7 +81,7 @@ class BeliefDecider:
             entry,
             query.usable,
             query.session_start,
-            observed.said,
+            observed.keypoints,
         )
         query.buffer.add_evidence(self._evidence(observed))
         return self._answer(query, observed)

@@ -67,7 +67,7 @@ class Observation:
     has_rivals: bool  # whether there are enough controls to accept a match
     leads: Leads | None = None  # of the verified places
     asked: Mapping[int, Asked] = field(default_factory=dict)  # by place, what keypoints say
-    said: Doubles | None = None  # (6, n), keypoints' ratios by state; None if they are not asked
+    keypoints: Doubles | None = None  # (6, n), their ratios by state; None if they are not asked
 
 
 class Observer:
@@ -174,7 +174,7 @@ class Observer:
         states = belief.states_at(examined, query.session_start)
         evidence = Evidence(
             leads.cells,
-            np.log((states * self._said(examined, asked)).sum(axis=0)),
+            np.log((states * self._by_keypoints(examined, asked)).sum(axis=0)),
             self._near.beside(examined, best, OBSERVED.beside) & has_rivals,
             follows,
             chance,
@@ -192,19 +192,19 @@ class Observer:
         """Return the probability of the places within a distance of a place."""
         return float(belief.mass[self._near.beside(belief.places, place, distance)].sum())
 
-    def _said(self, places: Indices, asked: Mapping[int, Asked]) -> Doubles:
+    def _by_keypoints(self, places: Indices, asked: Mapping[int, Asked]) -> Doubles:
         """
         Return the likelihood ratios (6, n) of places (n,) by keypoints and state.
 
-        They are 1 where these say nothing. Keypoints that deny a place deny those beside it, too.
+        They are 1 where keypoints say nothing. Those that deny a place deny the places beside it.
         """
-        said, is_asked = np.ones((STATES, len(places))), np.isin(places, [*asked])
+        by_state, is_asked = np.ones((STATES, len(places))), np.isin(places, [*asked])
         for place, answer in asked.items():
             ratios = ratios_of(answer.lead)[:, None]
             beside = self._near.beside(places, place, LINKS.neighbour_radius // 2) & ~is_asked
-            said[:, beside] = np.minimum(said[:, beside], ratios)
-            said[:, places == place] = ratios
-        return said
+            by_state[:, beside] = np.minimum(by_state[:, beside], ratios)
+            by_state[:, places == place] = ratios
+        return by_state
 
     def _asked(self, query: Query, belief: Belief, strongest: Indices) -> dict[int, Asked]:
         """
@@ -243,15 +243,14 @@ class Observer:
         log_ratios = np.full(len(places), UNVERIFIED)
         at = np.searchsorted(places, observed.places)
         log_ratios[at] = observed.log_ratios
-        said = self._said(places, observed.asked) if observed.asked else None
-        if not len(examined):
-            return replace(observed, places=places, log_ratios=log_ratios, said=said)
-        ratios = observed.log_ratios[np.searchsorted(observed.places, examined)]
-        best = self._near.best_beside(places, examined, ratios, LINKS.neighbour_radius // 2)
-        is_beside = np.isfinite(best)
-        is_beside[np.searchsorted(places, examined)] = False
-        log_ratios[is_beside] = np.minimum(log_ratios[is_beside], best[is_beside])
-        return replace(observed, places=places, log_ratios=log_ratios, said=said)
+        if len(examined):
+            ratios = observed.log_ratios[np.searchsorted(observed.places, examined)]
+            best = self._near.best_beside(places, examined, ratios, LINKS.neighbour_radius // 2)
+            is_beside = np.isfinite(best)
+            is_beside[np.searchsorted(places, examined)] = False
+            log_ratios[is_beside] = np.minimum(log_ratios[is_beside], best[is_beside])
+        keypoints = self._by_keypoints(places, observed.asked) if observed.asked else None
+        return replace(observed, places=places, log_ratios=log_ratios, keypoints=keypoints)
 
     def _peaks(self, places: Indices, scores: Doubles, count: int) -> list[int]:
         """Return the best places by pair score that are not near each other, best first."""

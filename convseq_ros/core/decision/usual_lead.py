@@ -3,7 +3,8 @@
 """
 What keypoints say of a place, by how far they usually lead there.
 
-Keypoints of a true place lead those of other places, on a wall of bricks or at night by nothing.
+Keypoints of a true place lead those of other places: by much in the same light, by little in
+another, by nothing in the dark.
 How far they usually lead is unknown and changes along the way, so it is a state of each place in
 the belief. One more state is *a copy*: cells agree, but the place is another one.
 """
@@ -21,8 +22,9 @@ class KEYPOINTS:
     """
     The lead of a place's keypoints: of twice the root of the blocks that agree.
 
-    Chosen by the mean log probability that the belief gives to the truth, on the drives of
-    docs/NOTES.md; sigma and the usual lead by day are near what scripts/fit_observation.py prints.
+    `usual`, `by_day`, `sigma`, `floor` and `surprising` were chosen by hand, from the means and
+    spreads of leads that scripts/fit_observation.py prints. The others were chosen by the mean log
+    probability that the belief gives to the truth, and by false matches (docs/NOTES.md).
     """
 
     usual: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0)  # leads that may be usual
@@ -128,12 +130,12 @@ def answers(
         return Asked(lead, math.log(states[place] @ ratios_of(lead)))
 
     scenes = {p for p in roots if answer(p, roots[p] - least).ratio > KEYPOINTS.surprising}
-    said = {}
+    answered = {}
     for place, root in roots.items():
         shown = scenes if place in scenes else {place}
         rivals = [roots[p] for p in roots if p not in shown and not is_near(p, place)]
-        said[place] = answer(place, root - max([least, *rivals]))
-    return said
+        answered[place] = answer(place, root - max([least, *rivals]))
+    return answered
 
 
 def _at_first(difference: float) -> Doubles:
