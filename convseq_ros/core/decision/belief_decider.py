@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The decision by the belief: a place is a match if it holds nearly all of the mass."""
 
+import math
+
 from convseq_ros.config import Config
 from convseq_ros.core.decision.belief import Belief, MotionModel
 from convseq_ros.core.decision.decider import Answer, candidate, distinct_peaks, Query
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
-from convseq_ros.core.decision.likelihood import strength_of
+from convseq_ros.core.decision.likelihood import strength_of, UNVERIFIED
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.observation import Observation, Observer
 from convseq_ros.core.decision.odometry_jump import OdometryJumps
@@ -22,13 +24,16 @@ import numpy as np
 
 # Places to either side of the best, and of its looks, that count as the same place.
 _WINDOW = LINKS.neighbour_radius // 2
+# Less than the ratio of places that only cells deny, by more than rounding.
+_DENIED = (1 - 1e-6) * math.exp(UNVERIFIED)
 
 
 class BeliefDecider:
     """
     One step of a Bayes filter per keyframe: predict, observe, update, decide.
 
-    A place is a match if it holds at least `min_confidence` of the mass.
+    A place is a match if it holds at least `min_confidence` of the mass, and the newest frame is
+    not denied by both witnesses.
     """
 
     def __init__(self, reference_map: ReferenceMap, coarse: AllPlaces, config: Config) -> None:
@@ -102,7 +107,9 @@ class BeliefDecider:
         is_same = self._near.mask(belief.places, best, _WINDOW)
         confidence, implausible_m = min(1.0, float(belief.mass[is_same].sum())), None
         is_sure = confidence >= config.min_confidence
-        if is_sure and not self._prior.is_denied(best, query.session_start):
+        if is_sure and self._is_denied(is_same, observed):
+            reason = Reason.WEAK
+        elif is_sure and not self._prior.is_denied(best, query.session_start):
             if observed.asked:
                 self._usual.learn(belief.usual_leads(is_same), best >= query.session_start)
             reason, best = Reason.ACCEPTED, self._best_look(best, observed)
@@ -117,6 +124,19 @@ class BeliefDecider:
             reason = Reason.AMBIGUOUS if others > belief.elsewhere else Reason.WEAK
         candidates = self._candidates(best, observed, query)
         return Answer(reason, candidates, length, confidence, implausible_m)
+
+    def _is_denied(self, is_same: Flags, observed: Observation) -> bool:
+        """
+        Return whether cells and keypoints of a frame both speak against the likeliest place.
+
+        `is_same` (n,) says which places of the belief show it. Cells alone leave a mean ratio of
+        at least 1 - r; keypoints that deny, too, leave less.
+        """
+        belief = self._belief
+        log_ratios = observed.log_ratios[np.searchsorted(observed.places, belief.places[is_same])]
+        held = belief.mass[is_same]
+        predicted = held * np.exp(-log_ratios)  # up to a factor
+        return bool(held.sum() < _DENIED * predicted.sum())
 
     def _best_look(self, best: int, observed: Observation) -> int:
         """Return the strongest look of a place for the newest frame, or the place beside it."""

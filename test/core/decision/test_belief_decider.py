@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map, a drive, and what the belief accepts, on drawn images; and what bad input makes of it."""
 
+from convseq_ros import build_map
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config, with_values
 from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.descriptor import describe
@@ -113,6 +114,24 @@ def test_from_the_fourth_keyframe_after_a_jump_nothing_of_the_old_place(
     matches = drive(PlaceRecognizer(street, config), ways)
     assert accepted(matches[2:12]) == [*range(here + 2, here + 12)]
     assert accepted(matches[15:]) == [*range(there + 3, there + 12)]
+
+
+def test_a_frame_that_cells_and_keypoints_deny_is_no_match_however_sure_the_belief_is(image):
+    def frames(places, seed):
+        return [Frame(at * STEP_NS, image(place, seed)) for at, place in enumerate(places)]
+
+    mapped = build_map(frames(range(PLACES), 0), None, OWN)
+    unknown = []
+    for here in range(5, 50, 5):
+        recognizer = PlaceRecognizer(mapped, OWN)
+        away = [*range(here, here + 9), 500]  # the last is in no map
+        matches = [recognizer.process(frame) for frame in frames(away, 1)]
+        assert accepted(matches[4:9]) == [*range(here + 4, here + 9)]
+        unknown.append(matches[9])
+    assert not any(accepted(unknown))
+    sure = [match for match in unknown if match.confidence >= OWN.acceptance.min_confidence]
+    assert sure and {match.reason for match in sure} == {Reason.WEAK}
+    assert {match.localization.state for match in sure} == {LocalizationState.LOCALISED}
 
 
 def test_a_place_that_the_map_holds_twice_is_accepted_once_its_looks_are_linked(map_of, drive):
