@@ -48,7 +48,7 @@ class FrameGate:
         self._overlap = Overlap(config.encoding.saliency_threshold, config.matching.kernel)
         self._drops = FrameDropDetector(FRAME_DROPS.memory if by_image else 0)
         self._keyframes, self._by_scene = keyframes, keyframes.keyframe_overlap < 1.0
-        self._near_duplicate = NearDuplicate(keyframes.keyframe_overlap)
+        self._near_duplicate = NearDuplicate()
         self._interval_ns = round(_EARLIEST * keyframes.keyframe_interval_s * 1e9)
         self._by_default: FrameGate | None = None  # counts scenes, if the spacing is another
         if config.online.grows and keyframes.spacing != KeyframeConfig().spacing:

@@ -1,0 +1,172 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The near-duplicate test: what it learns, that it skips most frames and changes no keyframe."""
+
+from functools import cache, partial
+import math
+
+from convseq_ros.config import make_config
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.gate.gate import FrameGate
+from convseq_ros.core.gate.near_duplicate import distance, GLANCE, glance, NearDuplicate
+from convseq_ros.core.similarity.overlap import PaperSimilarity
+from convseq_ros.core.types import Reason
+from convseq_ros.simulation.drive import Drive
+from convseq_ros.simulation.street import Street
+from drives import shots_of
+import numpy as np
+from poses import at
+import pytest
+
+RAMP = np.linspace(60, 200, 320 * 240).reshape(240, 320)
+
+
+def looking(gain=1.0):
+    return glance((gain * RAMP).astype(np.uint8))
+
+
+def edges(apart):
+    """Return a glance that lies so far from that at 0."""
+    shown = np.zeros((2, 48, 64), np.float32)
+    angle = 2 * math.asin(apart / 2)
+    shown[0, 0, :2] = math.cos(angle), math.sin(angle)
+    return shown
+
+
+FAR = None
+
+
+def told(*found):
+    """Return what was told of a far frame at 0, then of near frames so far away, or far ones."""
+    near = NearDuplicate()
+    for apart in (FAR, *found):
+        near.note(edges(apart or 0.0), is_near=apart is not FAR)
+    return near
+
+
+def sure(near, *apart):
+    return [near.is_sure(edges(each)) for each in apart]
+
+
+def test_a_glance_is_the_same_in_a_dimmer_light_and_one_of_a_flat_image_says_nothing():
+    assert looking().shape == (2, GLANCE.height_px, GLANCE.width_px)
+    assert np.linalg.norm(looking()) == pytest.approx(1, abs=1e-5)
+    assert distance(looking(), looking(0.5)) < 0.1
+    assert glance(np.full((480, 640), 90, np.uint8)) is None
+    assert glance(np.zeros((1, 1), np.uint8)) is None
+
+
+def test_frames_are_near_within_three_quarters_of_what_was_near_before_a_far_one():
+    near = told(0.2, 0.4, 0.3, FAR)
+    assert sure(near, 0.0, 0.29, 0.31) == [True, True, False]
+    assert not near.is_sure(None)
+    near.reset()
+    near.note(edges(0.0), is_near=False)
+    assert not near.is_sure(edges(0.0))
+
+
+def test_the_smallest_distance_of_three_keyframes_counts():
+    short, long = (0.4, FAR), (0.8, FAR)
+    assert sure(told(*long, *short, *long, *long), 0.29, 0.31) == [True, False]
+    assert sure(told(*short, *long, *long, *long), 0.59, 0.61) == [True, False]
+
+
+def test_what_was_predicted_teaches_nothing():
+    near = told(0.4, FAR)
+    assert sure(near, *np.arange(0.005, 0.8, 0.01)) == [True] * 30 + [False] * 50
+
+
+def test_a_far_frame_right_after_predictions_shrinks_the_distance():
+    near = told(0.4, FAR, FAR)
+    assert sure(near, 0.22, 0.23) == [True, False]
+    near.note(edges(0.0), is_near=False)
+    assert sure(near, 0.16, 0.17) == [True, False]
+    assert sure(told(FAR, FAR), 0.0) == [False]
+
+
+def test_a_robot_that_waits_is_tested_once_only_from_the_first_frame_on():
+    near = told(0.6)
+    assert sure(near, 0.55, 0.61, 0.45) == [True, False, False]
+    assert sure(told(0.4, FAR, 0.6), 0.55, 0.61, 0.45) == [True, False, False]
+    assert sure(told(0.6, FAR), 0.6) == [False]
+
+
+@cache
+def drive(light, speed_mps):
+    size = {'width_px': 320, 'height_px': 240}
+    shots = Drive(
+        num_frames=75, light=light, speed_mps=speed_mps, frame_rate_hz=30, seed=3, **size
+    )
+    small = Street(length_m=80, seed=5)
+    return [shot.frame.gray for shot in shots_of(small, shots)]
+
+
+def gated(frames, poses, by_glance=True):
+    """Return why each frame is no keyframe, and which are encoded."""
+    config, encoded = make_config({}), []
+    gate, reasons = FrameGate(config, config.keyframes, PaperSimilarity()), []
+    for index, (gray, pose) in enumerate(zip(frames, poses, strict=True)):
+        encode = partial(described, gray, encoded, index)
+        shown = (gray,) if by_glance else ()
+        reasons.append(gate.check(index * 33_333_333, pose, encode, *shown).reason)
+    return reasons, encoded
+
+
+def described(gray, encoded, index):
+    encoded.append(index)
+    return describe(gray)
+
+
+def keyframes(reasons):
+    return [index for index, reason in enumerate(reasons) if reason is None]
+
+
+@pytest.mark.once
+@pytest.mark.parametrize(
+    ('light', 'speed_mps', 'odometry'),
+    [('day', 4.0, False), ('night', 1.0, False), ('night', 4.0, False), ('day', 4.0, True)],
+)
+def test_keyframes_are_those_that_the_scene_of_every_frame_tells(light, speed_mps, odometry):
+    """A slow drive, a stop of a second with noise, and on: with and without glances."""
+    moving, rng = drive(light, speed_mps), np.random.default_rng(1)
+    still = [
+        np.clip(moving[24] + rng.normal(0, 2, moving[24].shape), 0, 255).astype(np.uint8)
+        for _ in range(30)
+    ]
+    frames = [*moving[:25], *still, *moving[25:]]
+    way = [*range(25), *[24] * len(still), *range(25, len(moving))]
+    poses = [at(0.13 * step) if odometry else None for step in way]
+    reasons, encoded = gated(frames, poses)
+    expected, every = gated(frames, poses, by_glance=False)
+    assert keyframes(reasons) == keyframes(expected)
+    assert reasons[25:55].count(Reason.STATIONARY) >= 28
+    assert len(encoded) < len(every) - (0 if odometry else 20)
+
+
+@pytest.mark.once
+@pytest.mark.parametrize('light', ['day', 'night'])
+def test_less_than_half_of_the_frames_between_keyframes_are_encoded_at_1_mps(light):
+    frames = drive(light, 1.0)
+    reasons, encoded = gated(frames, [None] * len(frames))
+    first, *later = keyframes(reasons)[1:]  # the distance is learned from the first on
+    between = len(frames) - first - 1 - len(later)
+    assert sum(index > first for index in encoded) - len(later) < 0.5 * between
+
+
+def dimmed(frames):
+    return [(0.5 * gray).astype(np.uint8) for gray in frames]
+
+
+@pytest.mark.once
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda: [*drive('night', 1.0), *drive('day', 4.0)],
+        lambda: [*drive('night', 1.0)[:40], *dimmed(drive('night', 1.0)[40:])],
+    ],
+    ids=['night, then day', 'a lamp dims'],
+)
+def test_another_light_moves_no_keyframe(make):
+    frames = make()
+    reasons, expected = (gated(frames, [None] * len(frames), shown)[0] for shown in (True, False))
+    assert keyframes(reasons) == keyframes(expected)
