@@ -22,7 +22,8 @@ from convseq_ros.core import recognizer
 from convseq_ros.core.compiled import available, library
 from convseq_ros.core.decision.belief import Belief, MotionModel
 from convseq_ros.core.decision.belief_decider import BeliefDecider
-from convseq_ros.core.decision.observation import OBSERVED, Observer
+from convseq_ros.core.decision.comparison import COMPARED
+from convseq_ros.core.decision.observation import Observer
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.gate.gate import FrameGate
@@ -66,7 +67,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
 }
 BY_PEAK = ('pair scores',)  # the stages whose time scales with the integer peak
 REST = 'the rest'
-_WARM_FRAMES = OBSERVED.first_frames  # after these, fewer places are scored
+_WARM_FRAMES = COMPARED.first_frames  # after these, fewer places are scored
 _ROUNDS = 60
 _TOLERANCE = 2
 _PERIOD_NS = 100_000_000

@@ -86,8 +86,11 @@ class PlaceRecognizer:
         if config.matching.search == 'exhaustive':
             coarse = AllPlaces()
         coarse = coarse or CoarseScores(reference_map, config.matching.both_directions)
-        parts = reference_map, coarse, config
-        self.decider: Decider = BeliefDecider(*parts) if config.believes else PaperDecider(*parts)
+        self.decider: Decider = (
+            BeliefDecider(reference_map, self.matcher, coarse, config)
+            if config.believes
+            else PaperDecider(reference_map, coarse, config)
+        )
         if leader:
             self.decider.use_matches_of(leader.decider)
         self._poses = RelativePoses(reference_map, self.matcher, config.reading)

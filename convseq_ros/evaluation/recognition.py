@@ -63,11 +63,12 @@ def verified(recognizer: PlaceRecognizer, match: types.Match) -> types.Match:
 
     Both count alike, in standard deviations over the 10.
     """
-    row, places = recognizer.buffer.row, recognizer.reference_map.places
-    if match.candidates and row is not None:
+    places, frames = recognizer.reference_map.places, recognizer.buffer.frames
+    row, features = (frames[0].row, frames[0].features) if frames else (None, None)
+    if match.candidates and row is not None and features is not None:
         scores = np.nan_to_num(row)
         best = np.argsort(-scores, kind='stable')[:_VERIFIED]
-        found = recognizer.buffer.verified(best.tolist())
+        found = recognizer.matcher.verified(features, best.tolist())
         roots = np.sqrt([found[index].strength for index in best.tolist()])
         total = sum((one - one.mean()) / max(one.std(), 1e-9) for one in (scores[best], roots))
         order = np.argsort(-total, kind='stable')

@@ -208,19 +208,6 @@ def test_no_more_than_eight_are_rescored_and_none_twice():
     assert 8 <= len(matcher.rescored) < 16
 
 
-def test_a_blank_frame_has_neither_rough_scores_nor_a_motion():
-    matcher = SimpleNamespace(
-        extract=lambda _: SimpleNamespace(packed=None),
-        rough_scores=lambda _, ends: ends / 10,
-        motion=lambda _, index: index,
-    )
-    buffer = QueryBuffer(matcher)
-    append(buffer)
-    assert buffer.rough_scores(np.array([3, 7])).tolist() == [0.3, 0.7] and buffer.motion(5) == 5
-    append(buffer, NOTHING)
-    assert buffer.rough_scores(np.array([3, 7])) is None and buffer.motion(5) is None
-
-
 @pytest.mark.parametrize(
     ('evidence', 'length'),  # newest first
     [

@@ -38,8 +38,9 @@ class BELIEF:
     # ... and of what is lost, at a start or where a session ends: as likely in the map as not,
     # but so little at a place that no frame decides alone.
     lost: float = 0.5
-    leaving: float = 0.0005  # of each place: leaves the map
-    jumping: float = 5e-4  # of all: anywhere in the map, if the robot is moved or odometry fails
+    # Of each place: leaves the map. As much of all: anywhere in the map, if the robot is moved or
+    # odometry fails.
+    jumping: float = 5e-4
     looks: float = 0.1  # of a place: moves to the other keyframes of the same place
     least: float = 1e-9  # of all; a place with less mass is dropped
 
@@ -219,7 +220,7 @@ class Belief:
         states /= states.sum(axis=0)
         at = (np.arange(STATES)[:, None] * count + where).ravel()
         arrived = _summed(at, (states[:, sources] * weights).ravel(), STATES, count)
-        stays = (1 - BELIEF.leaving) * self._usual.moved(arrived, self.places >= earlier)
+        stays = (1 - BELIEF.jumping) * self._usual.moved(arrived, self.places >= earlier)
         self._mass, self._states = changed * stays.sum(axis=0) / arrived.sum(axis=0), stays
         self._apart = max(0.0, 1.0 - float(stays.sum()))
 

@@ -6,6 +6,7 @@ import math
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.belief import Belief, MotionModel
+from convseq_ros.core.decision.comparison import Comparer
 from convseq_ros.core.decision.decider import Answer, candidate, distinct_peaks, Query
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import strength_of, UNVERIFIED
@@ -19,6 +20,7 @@ from convseq_ros.core.decision.usual_lead import UsualLead
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
+from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.types import Candidate, Candidates, Flags, Reason
 import numpy as np
 
@@ -36,7 +38,9 @@ class BeliefDecider:
     not denied by both witnesses.
     """
 
-    def __init__(self, reference_map: ReferenceMap, coarse: AllPlaces, config: Config) -> None:
+    def __init__(
+        self, reference_map: ReferenceMap, matcher: Matcher, coarse: AllPlaces, config: Config
+    ) -> None:
         matching, robot = config.matching, config.robot
         both, error = matching.both_directions, robot.odometry_way_error
         self._map, self._coarse, self._near = reference_map, coarse, Neighbourhood(reference_map)
@@ -45,7 +49,8 @@ class BeliefDecider:
         self._jumps = OdometryJumps()
         self._prior = OdometryPrior(reference_map, robot, config.online.grows)
         self._witness = KeypointWitness(reference_map, config.keyframes.keypoints)
-        self._observer = Observer(coarse, self._near, self._witness, matching.shortlist_length)
+        comparer = Comparer(coarse, matcher, self._near, matching.shortlist_length)
+        self._observer = Observer(comparer, matcher, self._near, self._witness)
 
     @property
     def odometry_jumps(self) -> int:
@@ -56,6 +61,7 @@ class BeliefDecider:
         self._belief.reset()
         self._usual.reset()
         self._observer.reset()
+        self._witness.reset()
         self._prior.reset()
         self._jumps.reset()
 

@@ -30,7 +30,7 @@ class CELLS:
     score: float = 0.5  # per scale of the lead in pair score ...
     most_scales: float = 5.0  # ... up to this many: one similar house can score like a street
     works: float = 0.9  # probability that cells show a true place
-    unrelated: float = 30.0  # median strength of unrelated images
+    loss: float = 0.25  # log ratio per place of distance from a place that leads
     # Scale of the controls' pair scores before a drive has any, and the memory of both scales; the
     # scale of strengths (of twice their square root) starts at 1.
     prior_score: float = 0.008
@@ -104,10 +104,12 @@ class Evidence:
 
     cells: Doubles  # (n,), log ratios of `Leads.cells`
     keypoints: Doubles  # (n,), k: log ratios; 0 where not asked
+    apart: Doubles  # (n, n), distances in places; inf if one says nothing of the other
     is_strongest: Flags  # (n,), which places lie at the strongest one
     follows: float  # share of the belief's places, in [0, 1], that predicted the strongest one
     chance: float  # that the strongest place of a drive elsewhere lies there, in (0, 1]
     affirmed: float  # ratio by which keypoints affirm the strongest place; 1 if not asked
+    weight: float  # of what speaks for a place, in [0, 1]; 0 without enough rivals
 
 
 class Likelihood:
@@ -133,21 +135,26 @@ class Likelihood:
         elsewhere: 9 in N, or more if the belief followed it, since the strongest place moves
         along in a share of copies; for all other places q is 1. a is the share of frames elsewhere
         that look like the best place in every respect, so no frame decides alone.
+
+        A frame hardly tells a place from its neighbours, so a place has at least the logarithm of
+        one beside it, less a loss per place. A positive logarithm is multiplied by the weight.
         """
         gain = gain_of(evidence.follows, evidence.chance, evidence.affirmed)
         spoken = math.log(CELLS.works) + evidence.cells + gain * evidence.is_strongest
         total = np.logaddexp(spoken, math.log(1 - CELLS.works)) + evidence.keypoints
         bound = np.logaddexp(0.0, total.max() + math.log(COPIES.all))
-        return np.asarray(np.minimum(total, np.maximum(total - bound, 0.0)))
+        bounded = np.minimum(total, np.maximum(total - bound, 0.0))
+        alike = (bounded[:, None] - CELLS.loss * evidence.apart).max(axis=0)
+        return np.asarray(np.where(alike > 0, evidence.weight * alike, alike))
 
     def leads(self, strengths: Doubles, scores: Doubles, is_rival: Flags) -> Leads:
         """
-        Return the leads of verified places (n,) over the best of the rivals among them.
+        Return the leads of verified places (n,) over the best of the rivals among them, or over 0.
 
         Updates the scales with the gaps between the rivals.
         """
         roots = 2 * np.sqrt(strengths)
-        hardest = roots[is_rival].max(initial=0.0) or 2 * math.sqrt(CELLS.unrelated)
+        hardest = roots[is_rival].max(initial=0.0)
         lead = (roots - hardest) / self._strength_scale.value
         above = scores - (scores[is_rival].max() if is_rival.any() else scores.max())
         above /= self._score_scale.value
@@ -159,4 +166,4 @@ class Likelihood:
 
 def strength_of(result: Verification) -> float:
     """Return the strength of a verification, at most 3 times that of the image's upper half."""
-    return max(min(result.strength, 3 * result.upper), CELLS.unrelated / 2)
+    return min(result.strength, 3 * result.upper)

@@ -16,6 +16,8 @@ import numpy as np
 import pytest
 
 ALL = 0.0015  # share of frames elsewhere that look like a place in every respect
+ALONE = np.zeros((1, 1))  # a place is at no distance from itself
+FAR = np.where(np.eye(4), 0.0, np.inf)  # of four places, none says anything of another
 
 
 def ratio(
@@ -23,7 +25,7 @@ def ratio(
 ):
     """Return the likelihood ratio of a place."""
     place = np.array([cells]), np.array([keypoints]), np.array([is_strongest])
-    evidence = Evidence(*place, follows, chance, affirmed)
+    evidence = Evidence(*place[:2], ALONE, place[2], follows, chance, affirmed, 1.0)
     return math.exp((seen or Likelihood()).log_ratios(evidence)[0])
 
 
@@ -59,11 +61,31 @@ def test_a_ratio_by_hand(evidence, expected):
 
 def test_the_bound_is_the_same_for_all_places_of_a_frame():
     cells, none = np.array([20.0, 17.0, 5.0, -40.0]), np.zeros(4)
-    seen = Evidence(cells, none, np.zeros(4, bool), 0.0, 0.01, 1.0)
+    seen = Evidence(cells, none, FAR, np.zeros(4, bool), 0.0, 0.01, 1.0, 1.0)
     first, second, third, fourth = Likelihood().log_ratios(seen)
     assert first == pytest.approx(-math.log(ALL), abs=1e-3)
     assert first - second == pytest.approx(3, abs=1e-3)  # the cells tell them apart
     assert third == 0 and fourth == pytest.approx(math.log(0.1))  # the bound denies no place
+
+
+def test_a_place_has_a_quarter_less_for_each_place_of_distance_from_a_better_one():
+    apart = FAR.copy()
+    apart[0, 1] = apart[1, 0] = 2
+    cells, none = np.array([5.0, -1.0, -1.0, 5.0]), np.zeros(4)
+    seen = Evidence(cells, none, apart, np.zeros(4, bool), 0.0, 0.01, 1.0, 1.0)
+    first, beside, far, last = Likelihood().log_ratios(seen)
+    assert first == last and beside == pytest.approx(first - 0.5)
+    assert far == pytest.approx(math.log(0.9 * math.exp(-1) + 0.1))
+
+
+@pytest.mark.parametrize('weight', [0.0, 0.25, 1.0])
+def test_what_speaks_for_a_place_is_weighted_and_what_denies_one_is_not(weight):
+    cells, none = np.array([3.0, -3.0, 0.0, 0.0]), np.zeros(4)
+    whole, weighted = (
+        Likelihood().log_ratios(Evidence(cells, none, FAR, np.zeros(4, bool), 0.0, 0.01, 1.0, one))
+        for one in (1.0, weight)
+    )
+    assert weighted[0] == weight * whole[0] and weighted[1] == whole[1] < -1
 
 
 def test_density_ratios_of_cells_are_linear_in_both_leads():
@@ -78,9 +100,9 @@ def test_leads_are_over_the_strongest_and_the_best_rival():
     assert leads.score.tolist() == pytest.approx([0.5, -0.5, 0])  # in 0.008
 
 
-def test_without_rivals_a_place_leads_unrelated_images():
+def test_without_rivals_a_place_leads_nothing():
     leads = Likelihood().leads(np.array([120.0, 30.0]), np.array([0.3, 0.1]), np.zeros(2, bool))
-    assert leads.strength.tolist() == pytest.approx([2 * (120**0.5 - 30**0.5), 0])
+    assert leads.strength.tolist() == pytest.approx([2 * 120**0.5, 2 * 30**0.5])
     assert leads.score.tolist() == [0, -5]  # at most 5 scales
 
 
@@ -100,7 +122,7 @@ def test_the_gaps_between_rivals_are_the_scale_of_later_leads():
 def test_a_strength_is_at_most_three_times_that_of_the_upper_half():
     assert strength_of(Verification(0, 100.0, 50.0)) == 100
     assert strength_of(Verification(0, 100.0, 20.0)) == 60
-    assert strength_of(Verification(0, 0.0, 0.0)) == 15
+    assert strength_of(Verification(0, 0.0, 0.0)) == 0
 
 
 def test_fewer_than_three_values_have_no_scale():

@@ -6,10 +6,11 @@ import math
 from types import SimpleNamespace
 
 from convseq_ros.config import Config, with_values
+from convseq_ros.core.decision.comparison import COMPARED, Comparer
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.likelihood import COPIES
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
-from convseq_ros.core.decision.observation import OBSERVED, Observer
+from convseq_ros.core.decision.observation import Observer
 from convseq_ros.core.decision.usual_lead import UsualLead
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.types import Frame
@@ -24,7 +25,7 @@ SHOWN = {30: 100.0}  # strength of the place that the frame shows; that of other
 
 
 class Shown:
-    """Stands in for a buffer: what pairs score, and how strongly they are verified."""
+    """Stands in for a buffer and a matcher: scores of pairs, and strengths of verified ones."""
 
     def __init__(self, scores, strengths, usual=25.0, entropy=1.0):
         self.rows, self._strengths, self._usual = [np.array(scores, np.float32)], strengths, usual
@@ -36,13 +37,13 @@ class Shown:
     def score(self, count, _places):
         assert count == 1
 
-    def rough_scores(self, places):
+    def rough_scores(self, _features, places):
         return self.rows[0][places]
 
-    def verified(self, indices):
+    def verified(self, _features, indices):
         return {one: verified(self._strengths.get(one, self._usual)) for one in indices}
 
-    def motion(self, place):
+    def motion(self, _features, place):
         return place
 
 
@@ -67,9 +68,6 @@ class Told:
 
     def __init__(self, blocks=None):
         self._blocks, self.places = blocks, []
-
-    def reset(self):
-        """Forget nothing."""
 
     def knows(self, place):
         return self._blocks is not None and self._blocks.get(place, 4) is not None
@@ -116,10 +114,15 @@ def looked(reference_map, buffer, masses=None, start=NONE, told=None, listed=Non
     """Return an observation, and the log ratio of each place."""
     count = len(buffer.rows[0])
     coarse = Listed(range(count) if listed is None else listed, count)
-    observer = Observer(coarse, Neighbourhood(reference_map), told or Told(), 40)
+    observer = observer_of(reference_map, buffer, coarse, told or Told())
     query = Query(Frame(0, None), buffer, usable or count, start, config or Config())
     seen = observer.observe(query, believing(masses, difference))
     return seen, dict(zip(seen.places.tolist(), seen.log_ratios.tolist(), strict=True))
+
+
+def observer_of(reference_map, matcher, coarse, told):
+    near = Neighbourhood(reference_map)
+    return Observer(Comparer(coarse, matcher, near, 40), matcher, near, told)
 
 
 def ratio(reference_map, told=None, place=30, masses=None, **how):
@@ -272,20 +275,28 @@ def test_without_enough_other_places_nothing_speaks_for_one(a_map, count):
 def test_the_first_frames_of_a_drive_are_compared_with_more_places(a_map):
     listed, counts = Listed(range(100), 100), []
     listed.best = lambda _, newest: counts.append(newest) or np.arange(100)
-    observer = Observer(listed, Neighbourhood(a_map(100)), Told(), 40)
-    query = Query(Frame(0, None), Shown(scored(), SHOWN), 100, NONE, Config())
-    for _ in range(OBSERVED.first_frames + 1):
+    buffer = Shown(scored(), SHOWN)
+    observer = observer_of(a_map(100), buffer, listed, Told())
+    query = Query(Frame(0, None), buffer, 100, NONE, Config())
+    for _ in range(COMPARED.first_frames + 1):
         observer.observe(query, believing())
     for begin in (observer.reset, observer.end_search):
         begin()
         observer.observe(query, believing())
-    many = OBSERVED.first_listed
-    assert counts == [many] * OBSERVED.first_frames + [10, many, 10]
+    many = COMPARED.first_listed
+    assert counts == [many] * COMPARED.first_frames + [10, many, 10]
 
 
 def test_a_frame_without_scores_says_nothing(a_map):
     seen, ratios = looked(a_map(30), Shown(np.full(30, np.nan), {}), {3: 0.5})
     assert ratios == {3: 0.0} and not seen.has_rivals
+
+
+def test_a_frame_without_features_says_nothing(a_map):
+    blank = Shown(scored(), SHOWN)
+    blank.newest.features = None
+    seen, ratios = looked(a_map(100), blank, {3: 0.5})
+    assert ratios == {3: 0.0} and not seen.has_rivals and not seen.verified
 
 
 def test_an_image_that_shows_the_same_again_speaks_for_no_place_again(a_map):

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rolling buffer of query frames and their pair scores (III-A)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 from convseq_ros.core.decision.paper.diagonals import ONE_SESSION, sequence_scores, Values
-from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import SessionBounds
 from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import constants, Descriptor, Indices, Row
@@ -31,7 +30,6 @@ class BufferedFrame:
     features: Features | None = None  # None if it is not informative
     row: Row | None = None  # pair scores (R,), NaN where not scored
     rescored: set[int] = field(default_factory=set)  # references whose pair score is exact
-    verified: dict[int, Verification] = field(default_factory=dict)  # by reference
     novelty: float = 1.0  # see `QueryBuffer.novelty`
     evidence: float = 0.0  # see `QueryBuffer.add_evidence`
 
@@ -108,11 +106,6 @@ class QueryBuffer:
             row[missing] = scores
             self.pairs_scored += len(missing)
 
-    def rough_scores(self, ends: Indices) -> Row | None:
-        """Return rough pair scores (n,) of the newest frame, NaN for blank references."""
-        features = self.newest.features
-        return None if features is None else self._matcher.rough_scores(features, ends)
-
     def best_scores(self, length: int, ends: Indices) -> Values:
         """Return `sequence_scores` (n,); up to 8 within 0.02 of the best are exact."""
         scores = sequence_scores(self.rows[:length], ends=ends, bounds=self.bounds)
@@ -131,19 +124,6 @@ class QueryBuffer:
             row[indices] = exact
             frame.rescored.update(indices.tolist())
         return sequence_scores(self.rows[:length], ends=ends, bounds=self.bounds)
-
-    def verified(self, indices: Sequence[int]) -> dict[int, Verification]:
-        """Return verifications of the newest frame by reference, if the matcher verifies."""
-        newest = self.newest
-        if newest.features is not None:
-            missing = [index for index in indices if index not in newest.verified]
-            newest.verified.update(self._matcher.verified(newest.features, missing))
-        return {index: newest.verified[index] for index in indices if index in newest.verified}
-
-    def motion(self, index: int) -> Values | None:
-        """Return the motion (2, 3) from the newest frame to a reference; None without regions."""
-        features = self.newest.features
-        return None if features is None else self._matcher.motion(features, index)
 
     @property
     def novelty(self) -> float:

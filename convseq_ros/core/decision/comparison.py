@@ -1,0 +1,144 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The comparison: which places a frame is compared with, and what it has in common with them.
+
+The likeliest places get rough scores. The best of these, and the best elsewhere (controls), get
+pair scores. The best of these are verified.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from convseq_ros.core.decision.decider import distinct_peaks
+from convseq_ros.core.decision.likelihood import strength_of
+from convseq_ros.core.decision.neighbourhood import Neighbourhood
+from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
+from convseq_ros.core.geometry.verification import Verification
+from convseq_ros.core.retrieval.coarse_scores import AllPlaces
+from convseq_ros.core.similarity.matcher import Features, Matcher
+from convseq_ros.core.types import constants, Doubles, Indices, Row
+import numpy as np
+
+
+@constants
+class COMPARED:
+    """Numbers of places that are scored and verified, beside the shortlist."""
+
+    # The first frames of a drive, up to its first match, search more places, as the mean
+    # descriptor of the drive is not known yet: on drawn nights, a median of 130 of 1,083 places
+    # have a better coarse score than the right one.
+    first_frames: int = 15
+    first_listed: int = 400  # in the first frames: listed by the newest frame alone
+    # The listed places that get a full pair score, the best by rough scores. On `laps`,
+    # 8 lose 2 % of the matches, and 16 gain nothing.
+    scored: int = 12
+    first_scored: int = 30  # in the first frames
+    peaks: int = 6  # best by pair score, apart from each other: they are verified. As many places,
+    # the likeliest by the predicted belief, are always scored ...
+    checked: int = 2  # ... and this many of them are always verified
+    beside: int = 2  # places to either side of the best that are verified, too
+    fewest: int = 8  # controls that must be scored; with fewer, no place has a positive ratio
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Comparison:
+    """Places that a frame was compared with."""
+
+    places: Indices  # (n,), ascending
+    scores: Doubles  # (n,), pair scores
+    verified: Mapping[int, Verification]  # of some of them, by place
+    peaks: Sequence[int]  # places with the best pair scores, apart from each other
+
+
+class Comparer:
+    """Compares the frames of one camera's drive with the map."""
+
+    def __init__(
+        self, coarse: AllPlaces, matcher: Matcher, near: Neighbourhood, listed: int
+    ) -> None:
+        self._coarse, self._matcher, self._near = coarse, matcher, near
+        self._listed = listed
+        self.reset()
+
+    def reset(self) -> None:
+        self._coarse.reset()
+        self._frames = 0  # of the drive
+
+    def end_search(self) -> None:
+        """Compare frames with fewer places from now on: the drive has its first match."""
+        self._frames = COMPARED.first_frames
+
+    def compare(self, buffer: QueryBuffer, predicted: Sequence[int]) -> Comparison:
+        """
+        Compare the newest frame of a buffer with places, among them the `predicted` ones.
+
+        `predicted` are the likeliest, best first. An uninformative frame is compared with none.
+        """
+        features, before = buffer.newest.features, np.array(predicted[: COMPARED.peaks], np.int64)
+        if features is None:
+            return Comparison(np.zeros(0, np.int64), np.zeros(0), {}, ())
+        self._frames += 1
+        is_first = self._frames <= COMPARED.first_frames
+        newest = COMPARED.first_listed if is_first else self._listed // 4
+        likely = np.union1d(self._coarse.best(self._listed, newest), before)
+        most = COMPARED.first_scored if is_first else COMPARED.scored
+        likely = self._promising(features, likely, most)
+        places, scores = _scored(buffer, np.union1d(likely, before))
+        if not len(places):
+            return Comparison(places, scores, {}, ())
+        peaks = self._peaks(places, scores, COMPARED.peaks)
+        checked = [place for place in before[: COMPARED.checked].tolist() if place in places]
+        verified = self._verified(features, {}, [*peaks, *checked])
+        beside = places[self._near.beside(places, _strongest(verified, peaks[0]), COMPARED.beside)]
+        verified = self._verified(features, verified, beside.tolist())
+        best = _strongest(verified, peaks[0])
+        if not self.has_controls(places, best):
+            others = self._coarse.best(COMPARED.fewest, 0, self._near.ranges(best))
+            places, scores = _scored(buffer, np.union1d(places, others))
+            is_away = ~self._near.mask(places, best)
+            more = self._peaks(places[is_away], scores[is_away], COMPARED.peaks - 1)
+            verified = self._verified(features, verified, more)
+            peaks += more
+        return Comparison(places, scores, verified, peaks)
+
+    def has_controls(self, places: Indices, best: int) -> bool:
+        """Return whether enough places (n,) show neither the best one nor one near it."""
+        return int((~self._near.mask(places, best)).sum()) >= COMPARED.fewest
+
+    def _promising(self, features: Features, places: Indices, most: int) -> Indices:
+        """Return the `most` best places by rough scores, with at least 8 controls among them."""
+        rough = self._matcher.rough_scores(features, places) if len(places) > most else None
+        if rough is None:
+            return places
+        order = np.argsort(-np.nan_to_num(rough, nan=-1.0), kind='stable')
+        is_near = self._near.mask(places, int(places[order[0]]))[order]
+        near_by, away = places[order[is_near]], places[order[~is_near]]
+        controls = min(len(away), max(COMPARED.fewest, most - len(near_by)))
+        return np.r_[near_by[: most - controls], away[:controls]]
+
+    def _peaks(self, places: Indices, scores: Doubles, count: int) -> list[int]:
+        """Return the best places by pair score that are not near each other, best first."""
+        peaks = distinct_peaks(scores, count, lambda at: self._near.mask(places, int(places[at])))
+        return places[peaks].tolist()
+
+    def _verified(
+        self, features: Features, known: Mapping[int, Verification], places: Sequence[int]
+    ) -> dict[int, Verification]:
+        """Return the known verifications, and those of more places."""
+        missing = [place for place in dict.fromkeys(places) if place not in known]
+        return {**known, **self._matcher.verified(features, missing)}
+
+
+def _strongest(verified: Mapping[int, Verification], otherwise: int) -> int:
+    """Return the place with the highest strength, the first of equals."""
+    return max(verified, key=lambda place: strength_of(verified[place]), default=otherwise)
+
+
+def _scored(buffer: QueryBuffer, places: Indices) -> tuple[Indices, Doubles]:
+    """Return the places that have pair scores, ascending, and these scores."""
+    buffer.score(1, places)
+    row: Row = buffer.rows[0] if buffer.rows[0] is not None else np.zeros(0, np.float32)
+    scores = row[places].astype(np.float64)
+    is_scored = np.isfinite(scores)
+    return places[is_scored], scores[is_scored]
