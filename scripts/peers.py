@@ -4,8 +4,8 @@
 Print the tables of docs/RESULTS.md: the recall of this package and of common methods.
 
 Usage: python scripts/peers.py --data FOLDER [--sets corridor laps] [--methods convseq orb-bow],
-about an hour on one core. It needs scikit-image and pyhbst. DATA in a method is replaced by the
-folder.
+more than an hour on one core. It needs scikit-image and pyhbst. DATA in a method stands for the
+folder, WORDS for folders with images of all sets but the one measured.
 
 The protocol is open: half of the map is removed in turn. Recall is the share of right matches
 among the frames whose place is in the map. *Own* is the method's own decision, with its false
@@ -25,6 +25,7 @@ from pathlib import Path
 import tempfile
 import time
 
+from convseq_ros.cli.options import progress
 from convseq_ros.config import Config, make_config
 from convseq_ros.evaluation.data_set import DataSet, open_data_set, Part, TruthSource
 from convseq_ros.evaluation.material import Material, open_material
@@ -37,6 +38,7 @@ from drives import head, row
 import laps
 import numpy as np
 import numpy.typing as npt
+from other_sets import OtherSets
 
 SETS = (
     'gardens_point_day_day',
@@ -51,6 +53,9 @@ NAMES = {
     'convseq': '**ours**',
     'orb-bow': 'orb-bow',
     'orb-bow+vocabulary=DATA/road_1/images': 'orb-bow, words of another set',  # a street in no set
+    'orb-bow+vocabulary=WORDS+levels=6+direct=2': (
+        'orb-bow, 10^5 words of all other sets, direct index'
+    ),
     'sift-vlad': 'sift-vlad',
     'sift-vlad+rows=0': 'sift-vlad, images as they are',
     'hbst': 'hbst',
@@ -176,10 +181,14 @@ def main() -> None:
     results: dict[str, list[list[Run]]] = {text: [] for text in chosen.methods}
     head('set', 'method', 'own, %', 'best, %', 'frames to the first right match, at best',
          'ms a frame', 'kB a place')  # fmt: skip
+    words = OtherSets(chosen.data, SETS)
     for name in chosen.sets:
         with _opened(name, chosen.data, config) as material:
-            for text in chosen.methods:
-                variants = runs(material, text.replace('DATA', str(chosen.data)), config)
+            for text in progress(chosen.methods, len(chosen.methods), name, 'methods'):
+                asked = text.replace('DATA', str(chosen.data))
+                if 'WORDS' in asked:
+                    asked = asked.replace('WORDS', ','.join(map(str, words.folders(name))))
+                variants = runs(material, asked, config)
                 results[text].append(variants)
                 share, first = max(_options(variants))
                 best = f'**{_percent(share)}**' if text == 'convseq' else _percent(share)

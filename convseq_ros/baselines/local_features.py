@@ -18,6 +18,7 @@ _FAST_THRESHOLD = 7  # of ORB; ORB-SLAM's where the usual 20 finds too few
 _RATIO = 0.6  # maximum of nearest to second nearest distance; as in DLoopDetector
 
 Rows = npt.NDArray[np.uint8] | npt.NDArray[np.float32]
+Nodes = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -26,11 +27,13 @@ class Keypoints:
 
     points_px: npt.NDArray[np.float32]  # (n, 2), columns and rows
     descriptors: Rows  # (n, 32), 256 bits of ORB; or (n, 128), RootSIFT of unit length
+    nodes: Nodes | None = None  # (n,), direct index; None: all may match
 
     @property
     def size_bytes(self) -> int:
         """Storage for verification; RootSIFT counts with 1 byte per number."""
-        return self.points_px.nbytes + self.descriptors.size
+        nodes_bytes = 0 if self.nodes is None else self.nodes.nbytes
+        return self.points_px.nbytes + self.descriptors.size + nodes_bytes
 
 
 Extract = Callable[..., Keypoints]  # of an image, and the `rows` that it is enlarged to
@@ -70,7 +73,11 @@ def inliers(query: Keypoints, reference: Keypoints) -> int:
     """Return the number of inliers of the best fundamental matrix; 0 if fewer than 12."""
     if min(len(query.points_px), len(reference.points_px)) < FEWEST:
         return 0
-    pairs = mutual_matches(query.descriptors, reference.descriptors)
+    rows = query.descriptors, reference.descriptors
+    if query.nodes is None or reference.nodes is None:
+        pairs = mutual_matches(*rows)
+    else:
+        pairs = indexed_matches(*rows, query.nodes, reference.nodes)
     if len(pairs) < FEWEST:
         return 0
     first, second = query.points_px[pairs[:, 0]], reference.points_px[pairs[:, 1]]
@@ -92,6 +99,18 @@ def mutual_matches(query: Rows, reference: Rows) -> npt.NDArray[np.int64]:
         and (not others or best.distance < _RATIO * others[0].distance)
     ]
     return np.array(pairs, np.int64).reshape(-1, 2)
+
+
+def indexed_matches(
+    query: Rows, reference: Rows, query_nodes: Nodes, reference_nodes: Nodes
+) -> npt.NDArray[np.int64]:
+    """Return the mutual matches within each node of the direct index, as index pairs (m, 2)."""
+    pairs = [np.zeros((0, 2), np.int64)]
+    for node in np.intersect1d(query_nodes, reference_nodes):
+        ours, theirs = np.flatnonzero(query_nodes == node), np.flatnonzero(reference_nodes == node)
+        found = mutual_matches(query[ours], reference[theirs])
+        pairs.append(np.stack((ours[found[:, 0]], theirs[found[:, 1]]), axis=1))
+    return np.concatenate(pairs)
 
 
 def _keypoints(points: Sequence[cv2.KeyPoint], rows: Rows) -> Keypoints:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.util import find_spec
+import math
 from pathlib import Path, PurePath
 import re
 import time
@@ -14,6 +15,7 @@ from typing import TypeVar
 from convseq_ros.baselines import seqslam
 from convseq_ros.baselines.local_features import ROWS
 from convseq_ros.baselines.loop_detector import ALPHA
+from convseq_ros.baselines.vocabulary import LEVELS
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
 from convseq_ros.config.paper import PAPER
@@ -183,21 +185,36 @@ def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
 
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
     alpha, rows = _number(float, name, 'alpha', ALPHA), _number(int, name, 'rows', ROWS)
-    vocabulary = name.options.get('vocabulary', '')
-    return peers.peer_scores(material, name.kind, alpha, vocabulary, config.reading, rows)
+    levels, vocabulary = (
+        _number(int, name, 'levels', LEVELS, 1),
+        name.options.get('vocabulary', ''),
+    )
+    direct = _number(int, name, 'direct', 0, 0) if 'direct' in name.options else None
+    return peers.peer_scores(
+        material, name.kind, alpha, vocabulary, config.reading, rows, levels, direct
+    )
 
 
 def _hbst(material: Material, name: MethodName, _: Config) -> PairScores:
     return peers.tree_scores(material, _number(int, name, 'rows', ROWS))
 
 
-def _number(kind: Callable[[str], Number], name: MethodName, key: str, default: Number) -> Number:
-    """Return an option that is a number; ConfigError for any other text."""
+def _number(
+    kind: Callable[[str], Number],
+    name: MethodName,
+    key: str,
+    default: Number,
+    least: float = -math.inf,
+) -> Number:
+    """Return an option that is a number of at least `least`; ConfigError for any other text."""
     text = name.options.get(key, str(default))
     try:
-        return kind(text)
+        number = kind(text)
     except ValueError:
         raise ConfigError(f'method {name.label}: {key} is not a number: {text!r}') from None
+    if number < least:
+        raise ConfigError(f'method {name.label}: {key} is {text}; give at least {least:g}')
+    return number
 
 
 def _given_scores(material: Material, name: MethodName, config: Config) -> PairScores:
@@ -278,7 +295,7 @@ KINDS: Mapping[str, Kind] = {
     'cohog': Kind(_core, 1, PAPER, recognizer=True),
     'seqslam': _baseline(_seqslam, seqslam.LENGTH),
     'hog': _baseline(_hog, needs=('skimage', 'scikit-image')),
-    'orb-bow': _baseline(_peer, options=peers.OPTIONS),
+    'orb-bow': _baseline(_peer, options=peers.OPTIONS + peers.TREE_OPTIONS),
     'sift-vlad': _baseline(_peer, options=peers.OPTIONS),
     'hbst': _baseline(_hbst, options=('rows',), needs=('pyhbst', 'pyhbst')),
     'scores': _baseline(_given_scores, argument='FILE.npy', options=('lower_is_better',)),

@@ -3,8 +3,8 @@
 """What robots run today, on a data set: bags of words, VLAD, and trees of descriptors."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from functools import cache, partial
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
 import time
@@ -14,7 +14,7 @@ from convseq_ros.baselines import local_features, vlad
 from convseq_ros.baselines.hamming_tree import HammingTree
 from convseq_ros.baselines.local_features import Extract, inliers, Keypoints, ROWS
 from convseq_ros.baselines.loop_detector import CONSISTENT, detect, Detection
-from convseq_ros.baselines.vocabulary import bag_scores, Vocabulary
+from convseq_ros.baselines.vocabulary import bag_scores, LEVELS, Vocabulary
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Frame, Match, Reason
@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 Vector = npt.NDArray[np.float32]
 OPTIONS = 'alpha', 'vocabulary', 'rows'
+TREE_OPTIONS = 'levels', 'direct'  # of `orb-bow`
 _CANDIDATES = 5  # best images of a tree that geometry verifies
 _WORD_BYTES = 8  # of a bag, per word of the image: its number and its weight
 
@@ -35,7 +36,8 @@ class _Peer:
     """How images become vectors, and vectors become scores."""
 
     extract: Extract
-    learn: Callable[[Sequence[Any]], Callable[[Any], Vector]]  # returns a function
+    learn: Callable[[Sequence[Any], int], Any]  # words of images, in a tree of so many levels
+    describe: Callable[[Any, Any], Vector]  # with words, descriptors (n, d)
     scores: Callable[[Vector, Vector], Vector]  # of a vector (D,) with others (R, D), (R,)
     vector_bytes: Callable[[Vector], float]  # mean size of a map's vectors (R, D)
 
@@ -43,13 +45,15 @@ class _Peer:
 _PEERS = {
     'orb-bow': _Peer(
         local_features.orb,
-        lambda images: Vocabulary(images).bag,
+        lambda images, levels: Vocabulary(images, levels=levels),
+        Vocabulary.bag,
         bag_scores,
         lambda rows: _WORD_BYTES * np.count_nonzero(rows) / len(rows),
     ),
     'sift-vlad': _Peer(
         local_features.root_sift,
-        lambda images: partial(vlad.vlad, centres=vlad.learnt_centres(images)),
+        lambda images, _: vlad.learnt_centres(images),
+        lambda centres, rows: vlad.vlad(rows, centres),
         lambda vector, rows: rows @ vector,
         lambda rows: rows[0].nbytes,
     ),
@@ -63,11 +67,15 @@ def peer_scores(
     vocabulary: str,
     reading: ReadingConfig,
     image_rows: int = ROWS,
+    levels: int = LEVELS,
+    direct: int | None = None,
 ) -> PairScores:
     """
     Return the scores of `orb-bow` (DBoW2) or `sift-vlad`, with DLoopDetector's decision.
 
-    Smaller images are enlarged to `image_rows` rows.
+    Words are learnt of the map, or of the images in the folders of `vocabulary`, separated by
+    commas. Smaller images are enlarged to `image_rows` rows. `levels` is the depth of the tree of
+    words. If `direct` is given, only keypoints match that share the node so many levels above.
     """
     peer = _PEERS[kind]
     extract = partial(peer.extract, rows=image_rows)
@@ -77,12 +85,19 @@ def peer_scores(
         reference, _ = _extracted(material.reference, extract)
     training = reference
     if vocabulary:
-        training, _ = _extracted(open_source(Path(vocabulary), '', reading), extract)
-    describe = peer.learn([keypoints.descriptors for keypoints in training])
+        folders = vocabulary.split(',')
+        training = [
+            one for folder in folders for one in _in_folder(folder, peer, image_rows, reading)
+        ]
+    words = peer.learn([keypoints.descriptors for keypoints in training], levels)
     started = time.perf_counter()
-    vectors = np.array([describe(keypoints.descriptors) for keypoints in query])
+    vectors = np.array([peer.describe(words, keypoints.descriptors) for keypoints in query])
     encode_ms = extract_ms + (time.perf_counter() - started) * 1e3 / len(query)
-    places = np.array([describe(keypoints.descriptors) for keypoints in reference])
+    places = np.array([peer.describe(words, keypoints.descriptors) for keypoints in reference])
+    if direct is not None:  # its time does not count: it is met on the way to the words
+        for drive in (query, reference):
+            for at, one in enumerate(drive):
+                drive[at] = replace(one, nodes=words.nodes(one.descriptors, direct))
     previous = [0.0, *(float(peer.scores(new, old[None])[0]) for old, new in pairwise(vectors))]
 
     @cache
@@ -172,6 +187,13 @@ def matches_of(detections: Iterable[Detection], query: Drive, part: ReferenceMap
         reason = Reason.ACCEPTED if detection.inliers else Reason.WEAK
         matches.append(Match(index, stamp_ns, reason, (best,), 1))
     return matches
+
+
+@lru_cache(maxsize=32)
+def _in_folder(folder: str, peer: _Peer, rows: int, reading: ReadingConfig) -> list[Keypoints]:
+    """Return the keypoints of a folder's images; they are cached, as many data sets share them."""
+    source = open_source(Path(folder), '', reading)
+    return _extracted(source, partial(peer.extract, rows=rows))[0]
 
 
 def _extracted(

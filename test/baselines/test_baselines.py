@@ -2,9 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """SeqSLAM, HOG, bags of words and VLAD, by hand and beside second implementations."""
 
+from dataclasses import replace
 from itertools import pairwise
 
-from convseq_ros.baselines.local_features import COUNT, inliers, mutual_matches, orb, root_sift
+from convseq_ros.baselines.local_features import (
+    COUNT,
+    indexed_matches,
+    inliers,
+    mutual_matches,
+    orb,
+    root_sift,
+)
 from convseq_ros.baselines.loop_detector import detect, Detection, islands
 from convseq_ros.baselines.seqslam import (
     differences,
@@ -81,6 +89,32 @@ def test_a_vocabulary_is_the_same_each_time_and_of_few_words_for_few_descriptors
     assert not Vocabulary([np.zeros((0, 32), np.uint8)]).bag(np.zeros((0, 32), np.uint8)).any()
 
 
+def test_a_deep_tree_has_many_words_and_each_descriptor_finds_its_own(random):
+    images = [random.integers(0, 256, (1000, 32), np.uint8) for _ in range(4)]
+    deep = Vocabulary(images, branches=10, levels=5)
+    words = np.concatenate([deep.words(image) for image in images])
+    assert len(deep) > 1000  # of 4,000 descriptors, in leaves of at most 10
+    assert sorted(set(words.tolist())) == [*range(len(deep))]
+    assert (deep.words(images[0].copy()) == words[:1000]).all()
+    # Nodes are the words' common ancestors: none above, one at the root, nested in between.
+    nodes = [np.concatenate([deep.nodes(image, above) for image in images]) for above in range(6)]
+    assert (nodes[0] == -1 - words).all() and not nodes[5].any()
+    counts = [len(set(level.tolist())) for level in nodes]
+    assert counts == sorted(counts, reverse=True) and counts[4] == 10
+    for lower, upper in pairwise(nodes):
+        assert len(set(zip(lower.tolist(), upper.tolist(), strict=True))) == len(
+            set(lower.tolist())
+        )
+
+
+def test_a_word_of_every_image_weighs_nothing_and_a_rare_one_much():
+    common, rare = np.zeros((2, 32), np.uint8), np.full((2, 32), 255, np.uint8)
+    own = Vocabulary([common, common, common, np.concatenate((common, rare))], levels=6)
+    assert len(own) == 2
+    assert own.idf[own.words(common)] == pytest.approx(0)
+    assert own.idf[own.words(rare)] == pytest.approx(np.log(4))
+
+
 def test_centres_are_scikit_learns(random):
     cluster = pytest.importorskip('sklearn.cluster')
     rows = random.normal(size=(300, 8)).astype(np.float32)
@@ -123,6 +157,29 @@ def test_matches_are_mutual():
     query = np.array([[0] * 32, [1] * 32, [255] * 32], np.uint8)
     reference = np.array([[255] * 32, [0] * 32], np.uint8)
     assert mutual_matches(query, reference).tolist() == [[0, 1], [2, 0]]
+
+
+def test_the_direct_index_matches_within_a_node_only():
+    query = np.array([[0] * 32, [255] * 32, [15] * 32], np.uint8)
+    reference = np.array([[255] * 32, [0] * 32, [15] * 32], np.uint8)
+    assert mutual_matches(query, reference).tolist() == [[0, 1], [1, 0], [2, 2]]
+    found = indexed_matches(query, reference, np.array([4, -2, 4]), np.array([-2, 7, 4]))
+    # The first has no equal in its node, and 2 is nearer to its own; the ratio is within a node.
+    assert found.tolist() == [[1, 0], [2, 2]]
+    alone = np.array([[1] * 32], np.uint8), np.array([5])
+    near = np.array([[0] * 32, [3] * 32], np.uint8)
+    assert mutual_matches(alone[0], near).tolist() == []  # both differ by as much
+    assert indexed_matches(alone[0], near, alone[1], np.array([5, 6])).tolist() == [[0, 0]]
+    assert not len(indexed_matches(query, reference, np.array([1, 1, 1]), np.array([2, 2, 2])))
+
+
+def test_nodes_decide_which_keypoints_are_inliers(random):
+    image = textured(random)
+    seen = orb(image)
+    one = np.zeros(len(seen.points_px), np.int32)
+    assert inliers(replace(seen, nodes=one), replace(seen, nodes=one)) > 50
+    assert inliers(replace(seen, nodes=one), replace(seen, nodes=one + 1)) == 0
+    assert replace(seen, nodes=one).size_bytes == seen.size_bytes + 4 * len(one)
 
 
 def test_a_loop_takes_more_than_three_frames_that_agree_and_twelve_inliers():

@@ -256,9 +256,9 @@ def test_a_model_is_a_first_stage_of_the_recogniser(accuracy, tmp_path):
 
 def test_what_robots_run_decides_by_itself(accuracy):
     assert accuracy('orb-bow') is not None
-    for option in ('alpha', 'rows'):
-        with pytest.raises(ConvseqError, match=f"{option} is not a number: 'low'"):
-            accuracy(f'sift-vlad+{option}=low')
+    for option, problem in {'alpha=low': "is not a number: 'low'", 'direct=-1': 'is -1; '}.items():
+        with pytest.raises(ConvseqError, match=f'{option.split("=")[0]} {problem}'):
+            accuracy(f'orb-bow+{option}')
 
 
 # The released script resizes by OpenCV's INTER_LINEAR.
