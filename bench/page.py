@@ -65,10 +65,10 @@ def write_page(measured: Mapping[str, Any], docs: Path) -> None:
     """Write the document."""
     rows = measured['findings']
     parts = [_HEAD + _machine(measured), *map(table, summary(measured)), _SPLIT]
-    lines = [
-        cells(row)[:-1] for row in rows if row['most'] is not None or row['least'] is not None
-    ]
-    parts.append(table([list(COLUMNS[:-1]), *lines]))
+    # The main figures are those that have a target; targets are told in the JSON only.
+    aimed = [row for row in rows if row['most'] is not None or row['least'] is not None]
+    main = [row for row in aimed if not row['kernels']]  # others repeat these with other kernels
+    parts.append(table([list(COLUMNS[:4]), *(cells(row)[:4] for row in main)]))
     if absent := [name for name in PARTS if name not in {row['part'] for row in rows}]:
         parts.append(f'Not measured here: {", ".join(absent)}.\n')
     parts.append(_ADVICE)
