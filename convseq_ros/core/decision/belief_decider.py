@@ -26,8 +26,8 @@ import numpy as np
 
 # Places to either side of the best, and of its looks, that count as the same place.
 _WINDOW = LINKS.neighbour_radius // 2
-# Less than the ratio of places that only cells deny, by more than rounding.
-_DENIED = (1 - 1e-6) * math.exp(UNVERIFIED)
+# A place's ratio below this is denied by both: the least that cells leave, halved by keypoints.
+_DENIED = math.exp(UNVERIFIED) / 2
 
 
 class BeliefDecider:
@@ -133,10 +133,10 @@ class BeliefDecider:
 
     def _is_denied(self, is_same: Flags, observed: Observation) -> bool:
         """
-        Return whether cells and keypoints of a frame both speak against the likeliest place.
+        Return whether cells and keypoints of a frame both deny the likeliest place.
 
         `is_same` (n,) says which places of the belief show it. Cells alone leave a mean ratio of
-        at least 1 - r; keypoints that deny, too, leave less.
+        at least 1 - r. Keypoints deny if they leave at most half of that.
         """
         belief = self._belief
         log_ratios = observed.log_ratios[np.searchsorted(observed.places, belief.places[is_same])]

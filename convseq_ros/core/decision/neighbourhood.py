@@ -31,17 +31,10 @@ class Neighbourhood:
         """Return which of `places` (n,) are within a distance of a place in its session."""
         return self._map.bounds.near(places, index, distance)
 
-    def apart(self, places: Indices, reach: int) -> Doubles:
-        """Return the distances (n, n) of places in their session; inf beyond the reach."""
-        near = self._map.bounds.nearness(places, places, reach)
-        return np.where(near, abs(places - places[:, None]), np.inf)
-
-    def best_beside(
-        self, places: Indices, others: Indices, values: Doubles, reach: int
-    ) -> Doubles:
-        """Return for each place (n,) the best value of `others` (m,) in reach, or -inf."""
+    def apart(self, places: Indices, others: Indices, reach: int) -> Doubles:
+        """Return the distances (m, n) of others (m,) from places (n,); inf beyond the reach."""
         near = self._map.bounds.nearness(places, others, reach)
-        return np.where(near, values[:, None], -np.inf).max(axis=0, initial=-np.inf)
+        return np.where(near, abs(places - others[:, None]), np.inf)
 
     def is_near(self, place: int, index: int, distance: int = LINKS.neighbour_radius) -> bool:
         """Return whether a place is near another or one of its looks."""

@@ -99,7 +99,7 @@ class Observer:
         evidence = Evidence(
             leads.cells,
             np.log((states * keypoints[:, at]).sum(axis=0)),
-            self._near.apart(examined, COMPARED.beside),
+            self._near.apart(examined, examined, COMPARED.beside),
             self._near.beside(examined, best, COMPARED.beside) & has_rivals,
             follows,
             chance,
@@ -175,10 +175,13 @@ class Observer:
         """
         Return the log ratios (n,) of places, from those (m,) of the examined ones among them.
 
-        Others have the least that cells leave, or as little as the best examined one near them.
+        Others have the least that cells leave, or as little as the examined one nearest to them.
         """
-        best = self._near.best_beside(places, examined, log_ratios, _WINDOW)
-        of_all = np.where(np.isfinite(best), np.minimum(best, UNVERIFIED), UNVERIFIED)
+        apart = self._near.apart(places, examined, _WINDOW)
+        nearest = apart.min(axis=0)
+        is_nearest = np.isfinite(apart) & (apart == nearest)
+        ratios = np.where(is_nearest, log_ratios[:, None], -np.inf).max(axis=0)
+        of_all = np.where(np.isfinite(nearest), np.minimum(ratios, UNVERIFIED), UNVERIFIED)
         of_all[np.searchsorted(places, examined)] = log_ratios
         return of_all
 

@@ -254,6 +254,15 @@ def test_keypoints_that_deny_a_place_deny_four_places_to_either_side(a_map):
         assert (after[place] < before[place] - 2) == is_denied
 
 
+def test_a_place_that_is_not_verified_has_as_little_as_the_nearest_verified_one(a_map):
+    masses = {30: 0.4, 65: 0.3, 61: 0.05, 64: 0.05}  # the two likeliest are verified
+    buffer = Shown(scored(), {30: 100.0, 60: 90.0})
+    seen, ratios = looked(a_map(100), buffer, masses, told=Told({30: 60, 60: 4}))
+    assert {60, 65} <= {*seen.verified} and not {61, 64} & {*seen.verified}
+    assert ratios[61] == ratios[60] < -4  # keypoints deny it, and so the place beside it
+    assert ratios[64] == pytest.approx(math.log(0.1)) and ratios[65] > ratios[64]
+
+
 def test_looks_are_no_rivals(a_map):
     whole = a_map(50, 50)
     buffer = Shown(scored(), {30: 100.0, 80: 100.0})
