@@ -53,7 +53,7 @@ NAMES = {
     'convseq': '**ours**',
     'orb-bow': 'orb-bow',
     'orb-bow+vocabulary=DATA/road_1/images': 'orb-bow, words of another set',  # a street in no set
-    'orb-bow+vocabulary=WORDS+levels=6+direct=2': (
+    'orb-bow+vocabulary=WORDS+levels=6+direct=4': (
         'orb-bow, 10^5 words of all other sets, direct index'
     ),
     'sift-vlad': 'sift-vlad',
