@@ -42,6 +42,7 @@ the ratio of the integer peaks, the rest (*by clock*) by that of the clocks. A c
 in a cycle than this one takes longer. *Share of a core* is that of a camera of 30 Hz with 8
 keyframes a second.
 """
+_MILLION = 1_000_000
 _ADVICE = """
 ## On a robot
 
@@ -69,6 +70,7 @@ def write_page(measured: Mapping[str, Any], docs: Path) -> None:
     aimed = [row for row in rows if row['most'] is not None or row['least'] is not None]
     main = [row for row in aimed if not row['kernels']]  # others repeat these with other kernels
     parts.append(table([list(COLUMNS[:4]), *(cells(row)[:4] for row in main)]))
+    parts.append(of_a_city(rows))
     if absent := [name for name in PARTS if name not in {row['part'] for row in rows}]:
         parts.append(f'Not measured here: {", ".join(absent)}.\n')
     parts.append(_ADVICE)
@@ -108,6 +110,31 @@ def summary(measured: Mapping[str, Any]) -> list[list[list[str]]]:
             first_cells = [name, number(peak), number(clock), size, number(frame_ms)]
             second.append([*first_cells, number(1e3 / frame_ms), f'{percent:.0f} %'])
     return [first, second]
+
+
+def of_a_city(rows: Iterable[Row]) -> str:
+    """Return what a map of a million places would take, along a line through the largest two."""
+    told = []
+    for what, side, name in (
+        ('frame, R = ', 'whole', 'a frame'),
+        ('map, R = ', 'resident', 'resident'),
+        ('map, R = ', 'open', 'to open'),
+    ):
+        found = [
+            (int(row['what'].removeprefix(what).replace(',', '')), row)
+            for row in rows
+            if row['what'].startswith(what) and row['side'] == side and not row['kernels']
+        ]
+        if len(found) < 2 or not all(row['value'] for _, row in found):
+            return ''
+        (few, before), (many, last) = found[-2:]
+        slope = (last['value'] - before['value']) / (many - few)
+        value = last['value'] + slope * (_MILLION - many)
+        told.append(f'{name} {number(value)} {last["unit"]}')
+    computed = (
+        f'A city of a million places, computed from the two largest maps: {", ".join(told)}.'
+    )
+    return textwrap.fill(computed, 99, break_on_hyphens=False) + '\n'
 
 
 def _value(rows: Iterable[Row], what: str, side: str = '') -> float | None:

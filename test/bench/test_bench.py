@@ -14,7 +14,7 @@ from programs import run
 import pytest
 
 from bench.finding import is_met
-from bench.page import ROBOTS
+from bench.page import of_a_city, ROBOTS
 from bench.part import PARTS
 from bench.parts.frames import STAGES
 from bench.torture import forked, fuzz
@@ -152,3 +152,21 @@ def test_every_part_measures_and_the_page_is_written(tmp_path):
     assert 'missed' not in page and 'at most' not in page  # targets are for developers
     assert all(f'| {name} |' in page for name in ROBOTS) or not library().variant
     assert 'Not measured' not in page
+
+
+def test_a_city_lies_on_the_line_through_the_two_largest_maps():
+    def row(what, side, value, unit):
+        return {'what': what, 'side': side, 'value': value, 'unit': unit, 'kernels': None}
+
+    rows = [
+        row(f'{what}, R = {size}', side, value, unit)
+        for size, times in (('1,000', 9.0), ('10,000', 1.0), ('100,000', 2.0))
+        for what, side, value, unit in (
+            ('frame', 'whole', 10 * times, 'ms'),
+            ('map', 'resident', 100 * times, 'MB'),
+            ('map', 'open', times, 's'),
+        )
+    ]
+    told = of_a_city(rows).replace('\n', ' ')
+    assert 'a frame 120 ms, resident 1,200 MB, to open 12 s.' in told
+    assert of_a_city(rows[:3]) == ''  # a single map has no line
