@@ -34,8 +34,9 @@ class Shown:
         descriptor = SimpleNamespace(entropy=entropy)
         self.newest = SimpleNamespace(descriptor=descriptor, features=features)
 
-    def score(self, count, _places):
+    def score(self, count, places):
         assert count == 1
+        self.scored = places.tolist()
 
     def rough_scores(self, _features, places):
         return self.rows[0][places]
@@ -294,6 +295,18 @@ def test_the_first_frames_of_a_drive_are_compared_with_more_places(a_map):
         observer.observe(query, believing())
     many = COMPARED.first_listed
     assert counts == [many] * COMPARED.first_frames + [10, many, 10]
+
+
+def test_of_many_listed_places_only_the_best_by_rough_scores_and_the_predicted_are_scored(a_map):
+    buffer = Shown(scored(), SHOWN)
+    observer = observer_of(a_map(100), buffer, Listed(range(100), 100), Told())
+    query = Query(Frame(0, None), buffer, 100, NONE, Config())
+    observer.observe(query, believing())
+    assert len(buffer.scored) == COMPARED.first_scored
+    observer.end_search()
+    observer.observe(query, believing({77: 0.5}))
+    assert len(buffer.scored) == COMPARED.scored + 1 and 77 in buffer.scored
+    assert {30, *RIVALS} <= {*buffer.scored}
 
 
 def test_a_frame_without_scores_says_nothing(a_map):
