@@ -4,9 +4,9 @@
 Measure the figures of README again, and compare what is told with what is measured.
 
 Usage: make claims [DATA=FOLDER], or python scripts/claims.py [--data FOLDER] [--sets SET...],
-about 35 minutes on an idle core, 15 of them for ORB's words. It reads what README tells. A figure
-whose data are not there is skipped, with the reason; so are times, which depend on the machine,
-and HBST, which takes an hour. Exit code 1 if one does not hold.
+an estimated 35 minutes on an idle core, 15 of them for ORB's words. It reads what README tells. A
+figure whose data are not there is skipped, with the reason; so are times, which depend on the
+machine, and HBST, which takes an hour. Exit code 1 if one does not hold.
 """
 
 import argparse

@@ -185,10 +185,8 @@ def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
 
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
     alpha, rows = _number(float, name, 'alpha', ALPHA), _number(int, name, 'rows', ROWS)
-    levels, vocabulary = (
-        _number(int, name, 'levels', LEVELS, 1),
-        name.options.get('vocabulary', ''),
-    )
+    vocabulary = name.options.get('vocabulary', '')
+    levels = _number(int, name, 'levels', LEVELS, 1)
     direct = _number(int, name, 'direct', 0, 0) if 'direct' in name.options else None
     return peers.peer_scores(
         material, name.kind, alpha, vocabulary, config.reading, rows, levels, direct

@@ -63,9 +63,9 @@ def verified(recognizer: PlaceRecognizer, match: types.Match) -> types.Match:
 
     Both count alike, in standard deviations over the 10.
     """
-    places, frames = recognizer.reference_map.places, recognizer.buffer.frames
-    row, features = (frames[0].row, frames[0].features) if frames else (None, None)
-    if match.candidates and row is not None and features is not None:
+    buffer, places = recognizer.buffer, recognizer.reference_map.places
+    row = buffer.row
+    if match.candidates and row is not None and (features := buffer.newest.features):
         scores = np.nan_to_num(row)
         best = np.argsort(-scores, kind='stable')[:_VERIFIED]
         found = recognizer.matcher.verified(features, best.tolist())

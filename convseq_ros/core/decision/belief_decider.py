@@ -10,22 +10,19 @@ from convseq_ros.core.decision.comparison import Comparer
 from convseq_ros.core.decision.decider import Answer, candidate, distinct_peaks, Query
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import strength_of, UNVERIFIED
-from convseq_ros.core.decision.neighbourhood import Neighbourhood
+from convseq_ros.core.decision.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.decision.observation import Observation, Observer
 from convseq_ros.core.decision.odometry_jump import OdometryJumps
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.decision.paper.diagonals import diagonal
 from convseq_ros.core.decision.paper.query_buffer import BUFFER
 from convseq_ros.core.decision.usual_lead import UsualLead
-from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.types import Candidate, Candidates, Flags, Reason
 import numpy as np
 
-# Places to either side of the best, and of its looks, that count as the same place.
-_WINDOW = LINKS.neighbour_radius // 2
 # A place's ratio below this is denied by both: the least that cells leave, halved by keypoints.
 _DENIED = math.exp(UNVERIFIED) / 2
 
@@ -49,8 +46,8 @@ class BeliefDecider:
         self._jumps = OdometryJumps()
         self._prior = OdometryPrior(reference_map, robot, config.online.grows)
         self._witness = KeypointWitness(reference_map, config.keyframes.keypoints)
-        comparer = Comparer(coarse, matcher, self._near, matching.shortlist_length)
-        self._observer = Observer(comparer, matcher, self._near, self._witness)
+        self._comparer = Comparer(coarse, matcher, self._near, matching.shortlist_length)
+        self._observer = Observer(self._comparer, matcher, self._near, self._witness)
 
     @property
     def odometry_jumps(self) -> int:
@@ -60,6 +57,7 @@ class BeliefDecider:
     def reset(self) -> None:
         self._belief.reset()
         self._usual.reset()
+        self._comparer.reset()
         self._observer.reset()
         self._witness.reset()
         self._prior.reset()
@@ -110,17 +108,17 @@ class BeliefDecider:
         if not len(belief.places):
             return Answer(Reason.WEAK, (), length, 0.0)
         best = int(belief.places[belief.mass.argmax()])
-        is_same = self._near.mask(belief.places, best, _WINDOW)
+        is_same = self._near.mask(belief.places, best, SAME_PLACE)
         confidence, implausible_m = min(1.0, float(belief.mass[is_same].sum())), None
         is_sure = confidence >= config.min_confidence
-        if is_sure and self._is_denied(is_same, observed):
+        if is_sure and self._both_deny(is_same, observed):
             reason = Reason.WEAK
         elif is_sure and not self._prior.is_denied(best, query.session_start):
             if observed.asked:
                 self._usual.learn(belief.usual_leads(is_same), best >= query.session_start)
             reason, best = Reason.ACCEPTED, self._best_look(best, observed)
             self._prior.fix(best)
-            self._observer.end_search()
+            self._comparer.end_search()
         elif (implausible_m := self._prior.implausible_m(best, query.session_start)) is not None:
             reason = Reason.IMPLAUSIBLE
         elif not observed.has_rivals:
@@ -131,7 +129,7 @@ class BeliefDecider:
         candidates = self._candidates(best, observed, query)
         return Answer(reason, candidates, length, confidence, implausible_m)
 
-    def _is_denied(self, is_same: Flags, observed: Observation) -> bool:
+    def _both_deny(self, is_same: Flags, observed: Observation) -> bool:
         """
         Return whether cells and keypoints of a frame both deny the likeliest place.
 
@@ -148,7 +146,7 @@ class BeliefDecider:
         """Return the strongest look of a place for the newest frame, or the place beside it."""
         looks = self._strengths(best, observed)
         strongest = max(looks, key=lambda look: looks[look], default=best)
-        if strongest not in self._map.bounds.around(best, _WINDOW):
+        if strongest not in self._map.bounds.around(best, SAME_PLACE):
             return strongest
         beside = [look for look in looks if look in self._map.bounds.around(best, 1)]
         return max(beside, key=lambda look: looks[look], default=best)
@@ -156,7 +154,7 @@ class BeliefDecider:
     def _strengths(self, best: int, observed: Observation) -> dict[int, float]:
         """Return the verification scores of a place and of its looks that were verified."""
         verified = np.array([*observed.verified], np.int64)
-        looks = verified[self._near.mask(verified, best, _WINDOW)].tolist()
+        looks = verified[self._near.mask(verified, best, SAME_PLACE)].tolist()
         return {look: strength_of(observed.verified[look]) for look in looks}
 
     def _candidates(self, best: int, observed: Observation, query: Query) -> Candidates:

@@ -7,6 +7,9 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Doubles, Flags, Indices
 import numpy as np
 
+# Places to either side of one, and of its looks, that count as the same place.
+SAME_PLACE = LINKS.neighbour_radius // 2
+
 
 class Neighbourhood:
     """Which places of a map show nearly the same as a given one: its neighbours and looks."""

@@ -18,7 +18,7 @@ from convseq_ros.core.decision.likelihood import (
     strength_of,
     UNVERIFIED,
 )
-from convseq_ros.core.decision.neighbourhood import Neighbourhood
+from convseq_ros.core.decision.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.decision.usual_lead import answers, Asked, KEYPOINTS, ratios_of, STATES
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import LINKS
@@ -26,15 +26,13 @@ from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.types import constants, Doubles, Indices
 import numpy as np
 
-_WINDOW = LINKS.neighbour_radius // 2  # places to either side of one that show much of it
-
 
 @constants
 class ASKED:
     """About which places keypoints are asked, and when."""
 
-    strongest: int = 3  # so many places apart, beside the likeliest one ...
-    # ... unless cells agree, and the belief expected them with this share of the doubt that a
+    strongest: int = 3  # the most places, apart from each other; the likeliest is asked as well
+    # None is asked if cells agree with the belief, and its doubt is at most this share of what a
     # match may leave.
     doubt: float = 0.1
 
@@ -62,12 +60,7 @@ class Observer:
         self._witness, self._likelihood = witness, Likelihood()
 
     def reset(self) -> None:
-        self._comparer.reset()
         self._likelihood.reset()
-
-    def end_search(self) -> None:
-        """Compare frames with fewer places from now on: the drive has its first match."""
-        self._comparer.end_search()
 
     def observe(self, query: Query, belief: Belief) -> Observation:
         """
@@ -120,7 +113,7 @@ class Observer:
     def _is_sure(self, query: Query, belief: Belief, best: int) -> bool:
         """Return whether the belief expects the strongest place, with hardly any doubt."""
         doubted = ASKED.doubt * (1 - query.config.acceptance.min_confidence)
-        return 1 - self._mass(belief, best, _WINDOW) <= doubted
+        return 1 - self._mass(belief, best, SAME_PLACE) <= doubted
 
     def _mass(self, belief: Belief, place: int, distance: int) -> float:
         """Return the probability of the places within a distance of a place."""
@@ -166,7 +159,7 @@ class Observer:
         by_state, is_asked = np.ones((STATES, len(places))), np.isin(places, [*asked])
         for place, answer in asked.items():
             ratios = ratios_of(answer.lead)[:, None]
-            beside = self._near.beside(places, place, _WINDOW) & ~is_asked
+            beside = self._near.beside(places, place, SAME_PLACE) & ~is_asked
             by_state[:, beside] = np.minimum(by_state[:, beside], ratios)
             by_state[:, places == place] = ratios
         return by_state
@@ -177,7 +170,7 @@ class Observer:
 
         Others have the least that cells leave, or as little as the examined one nearest to them.
         """
-        apart = self._near.apart(places, examined, _WINDOW)
+        apart = self._near.apart(places, examined, SAME_PLACE)
         nearest = apart.min(axis=0)
         is_nearest = np.isfinite(apart) & (apart == nearest)
         ratios = np.where(is_nearest, log_ratios[:, None], -np.inf).max(axis=0)

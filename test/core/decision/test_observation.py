@@ -115,15 +115,12 @@ def looked(reference_map, buffer, masses=None, start=NONE, told=None, listed=Non
     """Return an observation, and the log ratio of each place."""
     count = len(buffer.rows[0])
     coarse = Listed(range(count) if listed is None else listed, count)
-    observer = observer_of(reference_map, buffer, coarse, told or Told())
+    near = Neighbourhood(reference_map)
+    comparer = Comparer(coarse, buffer, near, 40)
+    observer = Observer(comparer, buffer, near, told or Told())
     query = Query(Frame(0, None), buffer, usable or count, start, config or Config())
     seen = observer.observe(query, believing(masses, difference))
     return seen, dict(zip(seen.places.tolist(), seen.log_ratios.tolist(), strict=True))
-
-
-def observer_of(reference_map, matcher, coarse, told):
-    near = Neighbourhood(reference_map)
-    return Observer(Comparer(coarse, matcher, near, 40), matcher, near, told)
 
 
 def ratio(reference_map, told=None, place=30, masses=None, **how):
@@ -286,25 +283,23 @@ def test_the_first_frames_of_a_drive_are_compared_with_more_places(a_map):
     listed, counts = Listed(range(100), 100), []
     listed.best = lambda _, newest: counts.append(newest) or np.arange(100)
     buffer = Shown(scored(), SHOWN)
-    observer = observer_of(a_map(100), buffer, listed, Told())
-    query = Query(Frame(0, None), buffer, 100, NONE, Config())
+    comparer = Comparer(listed, buffer, Neighbourhood(a_map(100)), 40)
     for _ in range(COMPARED.first_frames + 1):
-        observer.observe(query, believing())
-    for begin in (observer.reset, observer.end_search):
+        comparer.compare(buffer, [])
+    for begin in (comparer.reset, comparer.end_search):
         begin()
-        observer.observe(query, believing())
+        comparer.compare(buffer, [])
     many = COMPARED.first_listed
     assert counts == [many] * COMPARED.first_frames + [10, many, 10]
 
 
 def test_of_many_listed_places_only_the_best_by_rough_scores_and_the_predicted_are_scored(a_map):
     buffer = Shown(scored(), SHOWN)
-    observer = observer_of(a_map(100), buffer, Listed(range(100), 100), Told())
-    query = Query(Frame(0, None), buffer, 100, NONE, Config())
-    observer.observe(query, believing())
+    comparer = Comparer(Listed(range(100), 100), buffer, Neighbourhood(a_map(100)), 40)
+    comparer.compare(buffer, [])
     assert len(buffer.scored) == COMPARED.first_scored
-    observer.end_search()
-    observer.observe(query, believing({77: 0.5}))
+    comparer.end_search()
+    comparer.compare(buffer, [77])
     assert len(buffer.scored) == COMPARED.scored + 1 and 77 in buffer.scored
     assert {30, *RIVALS} <= {*buffer.scored}
 
