@@ -42,7 +42,8 @@ from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import ConfigError, printable, SourceError
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.models.onnx_model import open_model
-from convseq_ros.sources import open_each_camera, recordings_in, Source
+from convseq_ros.sources import open_each_camera, Source
+from convseq_ros.sources.recording_names import recordings_in
 
 
 @dataclass(frozen=True, slots=True)

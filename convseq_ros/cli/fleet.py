@@ -32,8 +32,8 @@ from convseq_ros.errors import ConvseqError, FleetError, MapError, SourceError
 from convseq_ros.fleet.cluster import Cluster, connected, finished_jobs
 from convseq_ros.fleet.fleet import Fleet
 from convseq_ros.models.onnx_model import open_model
-from convseq_ros.sources import recordings_in
 from convseq_ros.sources.folder import natural_key
+from convseq_ros.sources.recording_names import recordings_in
 
 Job = tuple[Path, Path, Config, bool, dict[str, Any]]  # the arguments of `build_one`
 

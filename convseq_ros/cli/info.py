@@ -26,7 +26,7 @@ from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import printable
 from convseq_ros.evaluation.provenance import processor, version_of
-from convseq_ros.sources import is_recording_file
+from convseq_ros.sources.recording_names import is_recording_file
 import cv2
 import numpy as np
 

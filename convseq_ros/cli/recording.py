@@ -9,10 +9,11 @@ from typing import Any
 from convseq_ros.cli.options import quoted, quoted_path
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ImageError, printable, SourceError
-from convseq_ros.sources import holds_recording, open_source
+from convseq_ros.sources import open_source
 from convseq_ros.sources.images import ENCODINGS
 from convseq_ros.sources.raw_message import COMPRESSED_IMAGE, IMAGE_TYPES, RawMessage
-from convseq_ros.sources.recording import read_camera
+from convseq_ros.sources.recording import read_camera_in
+from convseq_ros.sources.recording_names import holds_recording
 from convseq_ros.sources.storage import is_storage_file, open_storage, Storage
 from convseq_ros.sources.topic_rank import camera_info_beside, image_rank
 from convseq_ros.sources.topics import CAMERA_TYPES, merge_topics, POSE_TYPES, Topic
@@ -106,7 +107,7 @@ def _camera_topics(
     beside = camera_info_beside(images[0]) if images else ''
     for name in sorted(names, key=lambda name: (name != beside, name)):
         try:
-            read_camera(path, name, reading)
+            read_camera_in(path, name, reading)
         except SourceError:
             continue
         yield name

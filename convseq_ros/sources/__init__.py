@@ -16,7 +16,7 @@ from convseq_ros.errors import SourceError
 from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources.camera_info import fitted, read_camera_file
 from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
-from convseq_ros.sources.folder import ImageFolder, natural_key, pictures_in
+from convseq_ros.sources.folder import ImageFolder
 from convseq_ros.sources.mount import as_parameter, mount_of, Tf
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
 from convseq_ros.sources.pose_track import PoseTrack
@@ -27,7 +27,7 @@ from convseq_ros.sources.recording import (
     Recording,
     TopicMessages,
 )
-from convseq_ros.sources.storage import is_storage_file
+from convseq_ros.sources.recording_names import holds_recording
 from convseq_ros.sources.video import Video, VIDEO_SUFFIXES
 
 CameraOf = Callable[[int, int], Camera]  # from an image's height and width in pixels
@@ -70,12 +70,12 @@ class AnnotatedFrames:
         for index, frame in enumerate(self.source):
             pose = self.pose_at(index, frame.stamp_ns) if self.pose_at else None
             has_pose = has_pose or pose is not None
-            camera = frame.camera
+            camera = None
             if self.camera_of and frame.gray is not None:
                 described = described or self.camera_of(*frame.gray.shape)
                 camera = fitted(described, *frame.gray.shape)
-            depth_m = self.depth_at(index, frame.stamp_ns) if self.depth_at else frame.depth_m
-            yield replace(frame, pose=pose or frame.pose, camera=camera, depth_m=depth_m)
+            depth_m = self.depth_at(index, frame.stamp_ns) if self.depth_at else None
+            yield replace(frame, pose=pose, camera=camera, depth_m=depth_m)
         line = (
             f'{self.poses_of} has no pose at the time of an image; check that it covers the '
             'drive, and that both clocks agree'
@@ -244,43 +244,3 @@ def in_order(cameras: Sequence[Source]) -> Source:
 def _refuse_topic(path: Path, what: str, topic: str) -> None:
     if topic:
         raise SourceError(f'{path}: {what} has no topic {topic!r}; leave it out')
-
-
-def recordings_in(folder: Path) -> list[Path]:
-    """Return the recordings, videos and folders of pictures in a folder, bag2 before bag10."""
-    refuse_irregular(folder)
-    try:
-        paths = sorted(folder.iterdir(), key=natural_key)
-        if pictures_in(folder) or folder / 'metadata.yaml' in paths:
-            raise SourceError(f'{folder}: is a recording itself; name the folder that it lies in')
-    except OSError as error:
-        raise SourceError(f'{folder}: {error.strerror}; check the path') from None
-    recordings = [path for path in paths if not path.name.startswith('.') and _is_recording(path)]
-    if not recordings:
-        raise SourceError(
-            f'{folder}: no recordings in it: no .mcap, .db3, .bag or video, no folder of pictures'
-        )
-    return recordings
-
-
-def _is_recording(path: Path) -> bool:
-    if path.is_dir():
-        return holds_recording(path) or bool(pictures_in(path))
-    return is_recording_file(path)
-
-
-def is_recording_file(path: Path) -> bool:
-    """Return whether a name is that of a recording's file, or a video's."""
-    return is_storage_file(path) or path.suffix.lower() in VIDEO_SUFFIXES
-
-
-def holds_recording(folder: Path) -> bool:
-    """Return whether a recorder wrote a folder; SourceError if it cannot be read."""
-    try:
-        files = list(folder.iterdir())
-        pictures = pictures_in(folder)
-    except OSError as error:
-        raise SourceError(f'{folder}: {error.strerror}; check its permissions') from None
-    described = folder / 'metadata.yaml' in files
-    recorded = any(is_storage_file(file) for file in files)
-    return (recorded and described) or (not pictures and (recorded or described))

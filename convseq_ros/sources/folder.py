@@ -69,8 +69,6 @@ class ImageFolder:
     """
 
     def __init__(self, path: Path, reading: ReadingConfig = ReadingConfig()) -> None:
-        if not path.is_dir():
-            raise SourceError(f'{path}: no such folder; give a folder of pictures')
         self._pictures = pictures_in(path)
         if not self._pictures:
             suffixes = ' '.join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """An mcap file, read by chunks from its start up to the first damage."""
 
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -20,9 +19,8 @@ from convseq_ros.sources.topics import ForeignRecording, Index, merge_topics, To
 
 _MAGIC = b'\x89MCAP0\r\n'
 _HEAD = struct.Struct('<BQ')  # of a record: its kind, and how many bytes follow
-_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX = 2, 3, 4, 5, 6, 7
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 2, 3, 4, 5, 6
 _CUT_CHUNK, _LOST_CHUNK = 256, 257  # which the end of the file cuts; which is damaged
-_INDEX_HEAD, _INDEX_ENTRY_BYTES = struct.Struct('<HI'), 16
 _CHUNK_HEAD_BYTES = 100  # more than the bytes before a chunk's records
 # In a compressed file, a record that differs from the last only in two stamps takes more bytes.
 _FEW_RECORDS, _LEAST_BYTES = 100, 2
@@ -33,28 +31,18 @@ Report = Callable[[str], None]
 
 @dataclass
 class _Content:
-    """What a file declares while it is read, and what is lost with damaged chunks."""
+    """What a file declares while it is read, and where its damaged chunks are."""
 
     types: dict[int, str] = field(default_factory=dict)  # of schemas, by id
     channels: dict[int, tuple[str, str, str]] = field(
         default_factory=dict
     )  # topic, type, encoding
     damaged_at: list[int] = field(default_factory=list)  # first bytes of chunks
-    lost: Counter[str] = field(default_factory=Counter)  # messages by topic, if the chunks say so
 
     def add_channel(self, channel: Any) -> None:
         """Note a channel, after its schema."""
         about = channel.topic, self.types.get(channel.schema_id, ''), channel.message_encoding
         self.channels.setdefault(channel.id, about)
-
-    def told_of(self, topic: str) -> str:
-        """Return in a line what a topic lost; empty if nothing."""
-        if not self.damaged_at or (self.lost and not self.lost[topic]):
-            return ''
-        chunks = 'a damaged chunk' if len(self.damaged_at) == 1 else 'damaged chunks, the first'
-        count = str(self.lost[topic] or 'the')
-        at = f'{chunks} at byte {self.damaged_at[0]}'
-        return f'{count} messages of {topic} in {at} are left out; copy the recording again'
 
     def refuse_foreign(self) -> None:
         """Raise a ForeignRecording if there are channels, but none of ROS 2."""
@@ -86,8 +74,9 @@ def messages(
         content = _declared(_summary(plain, reading))
         found = _messages(plain, reading, content)
         yield from (message for message, name in found if name == topic)
-    if line := content.told_of(topic):
-        report(line)
+    if content.damaged_at:
+        count, first = len(content.damaged_at), content.damaged_at[0]
+        report(f'damaged chunks: {count}, the first at byte {first}; left out: copy it again')
 
 
 def _summary(path: Path, reading: ReadingConfig) -> Any | None:
@@ -161,9 +150,6 @@ def _messages(
             content.add_channel(record)
         elif kind == _LOST_CHUNK:
             content.damaged_at.append(record)
-        elif kind == _MESSAGE_INDEX:
-            number, count = record
-            content.lost[content.channels.get(number, ('', '', ''))[0]] += count
         elif kind == _MESSAGE and record.channel_id in content.channels:
             topic, type_name, encoding = content.channels[record.channel_id]
             if encoding == _CDR:
@@ -173,15 +159,14 @@ def _messages(
 def _records_of_file(path: Path, reading: ReadingConfig) -> Iterator[tuple[int, Any]]:
     """Yield the kind and the content of records, also of those in chunks."""
     with path.open('rb') as file:
-        size, inflated, is_lost = os.fstat(file.fileno()).st_size, 0, False
+        size, inflated = os.fstat(file.fileno()).st_size, 0
         if file.read(len(_MAGIC)) != _MAGIC:
             raise SourceError('not an mcap file; check that it is the recording')
         for start, kind, record in _records(file, size, reading):
             if kind == _FOOTER:
                 return
             if kind not in (_CHUNK, _CUT_CHUNK):
-                if is_lost or kind != _MESSAGE_INDEX:
-                    yield kind, record
+                yield kind, record
                 continue
             inflated += record.uncompressed_size
             reading.refuse_bomb('it', inflated, size)
@@ -246,9 +231,6 @@ def _records(file: IO[bytes], size: int, reading: ReadingConfig) -> Iterator[tup
             except Exception:
                 raise SourceError(f'at byte {start}') from None
             yield start, kind if is_whole else _CUT_CHUNK, record
-        elif kind == _MESSAGE_INDEX and is_whole:
-            number, entries_bytes = _INDEX_HEAD.unpack(file.read(_INDEX_HEAD.size))
-            yield start, kind, (number, entries_bytes // _INDEX_ENTRY_BYTES)
         elif kind == _FOOTER:
             yield start, kind, None
         if not kind or not is_whole:

@@ -14,17 +14,13 @@ from convseq_ros.sources.pose_track import pose_from_message
 import numpy as np
 
 
-def _say_nothing(_line: str) -> None:
-    """Do nothing."""
-
-
 @dataclass(frozen=True, slots=True)
 class Tf:
     """How TF of a recording is used."""
 
     base_frame: str = 'base_link'
     camera_to_base: str = ''  # what was given instead, which wins; else empty
-    tell: Callable[[str], None] = _say_nothing  # gets a line that says which was used
+    tell: Callable[[str], None] = lambda _line: None  # gets a line that says which was used
 
 
 def pose_of_transform(transform: Any) -> Pose | None:

@@ -51,7 +51,6 @@ class TopicMessages:
         self.storages, self.warnings = open_storage(path, reading)
         topics = merge_topics(storage.topics for storage in self.storages)
         self.chosen = choose_topic(path, topics, topic, types, option)
-        self.has_lost = False  # messages, as its warnings tell
         self._path = path
         self._useless: str | None = None  # what is wrong with stamps; None while unknown
 
@@ -86,7 +85,6 @@ class TopicMessages:
                     yield message
 
     def _note_loss(self, line: str) -> None:
-        self.has_lost = True
         if line not in self.warnings:
             self.warnings.append(line)
 
@@ -145,7 +143,7 @@ class Recording:
                 f'{self._path}: none of the {self._count} images of {self.topic} that its index '
                 'lists is there; record again'
             )
-        if count != self._count and not self._messages.has_lost:
+        if count != self._count:
             self._warn(
                 f'{self._path}: {count} images of {self.topic} were read, but its index lists '
                 f'{self._count}; it may be damaged'
@@ -171,11 +169,6 @@ def read_poses(
         name = messages.chosen.name
         raise SourceError(f'{path}: no pose of {name} is whole and finite; choose another topic')
     return poses
-
-
-def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Camera:
-    """Return the camera of `read_camera_in` without its frame."""
-    return read_camera_in(path, topic, reading)[0]
 
 
 def read_camera_in(

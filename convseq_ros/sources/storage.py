@@ -63,11 +63,6 @@ class Storage:
         """Time from the first message to the last."""
         return max(0, self.end_ns - self.start_ns) / 1e9
 
-    @property
-    def count(self) -> int:
-        """Number of messages of all topics."""
-        return sum(topic.count for topic in self.topics.values())
-
     def is_part_of(self, other: 'Storage') -> bool:
         """Return whether another file has these topics, these times and the first message."""
         filled = [topic for topic in self.topics.values() if topic.count]
@@ -175,7 +170,8 @@ def _named_in(metadata: Path, reading: ReadingConfig) -> list[str]:
 def _without_copies(storages: list[Storage], warnings: list[str]) -> list[Storage]:
     """Return the storages without those that another one holds; add a line for each."""
     kept: list[Storage] = []
-    for storage in sorted(storages, key=lambda storage: -storage.count):
+    by_size = sorted(storages, key=lambda one: -sum(topic.count for topic in one.topics.values()))
+    for storage in by_size:
         if whole := next((other for other in kept if storage.is_part_of(other)), None):
             warnings.append(
                 f'{storage.path}: {whole.path.name} holds the same messages; left out: remove one '

@@ -10,7 +10,7 @@ from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.odometry import Drift, Odometer, with_odometry
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
-from convseq_ros.sources.recording import read_camera, read_poses
+from convseq_ros.sources.recording import read_camera_in, read_poses
 import numpy as np
 from poses import at as pose
 import pytest
@@ -74,7 +74,7 @@ def test_the_camera_is_described_for_every_image(rosbags, tmp_path, shots):
     infos = [m for topic, _, m in read(tmp_path / 'drive') if topic == '/camera/camera_info']
     assert len(infos) == len(shots)
     assert shots[0].camera is not None and shots[0].frame.camera == shots[0].camera
-    assert read_camera(tmp_path / 'drive') == shots[0].camera
+    assert read_camera_in(tmp_path / 'drive')[0] == shots[0].camera
     focal = 32 / math.tan(math.radians(40))
     assert infos[0].k.reshape(3, 3) == pytest.approx(
         np.array(((focal, 0, 32), (0, focal, 24), (0, 0, 1)))

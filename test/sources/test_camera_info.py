@@ -6,7 +6,7 @@ from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.sources import open_annotated, open_source
 from convseq_ros.sources.camera_info import camera_from_info, correction, fitted
-from convseq_ros.sources.recording import read_camera
+from convseq_ros.sources.recording import read_camera_in
 import numpy as np
 import pytest
 import recordings
@@ -118,15 +118,15 @@ def test_a_recording_tells_of_its_first_calibrated_camera(write, pictures):
         ('/camera_info', 3, info()),
     ]
     path = write('mcap folder', [*recordings.drive(pictures), *rows])
-    assert read_camera(path) == CAMERA
+    assert read_camera_in(path)[0] == CAMERA
     with pytest.raises(SourceError, match='--camera-info /camera_info'):
-        read_camera(path, '/other')
+        read_camera_in(path, '/other')
 
 
 def test_a_recording_without_a_usable_camera_says_why(write):
     path = write('mcap folder', [('/info', 1, info(size=(0, 0)))])
     with pytest.raises(SourceError, match=r'of /info can be used: .*calibrate'):
-        read_camera(path)
+        read_camera_in(path)
 
 
 def test_frames_know_their_pose_and_a_camera_of_their_size(write, pictures):

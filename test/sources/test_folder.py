@@ -131,7 +131,7 @@ def test_an_unreadable_picture_is_a_frame_that_says_why(tmp_path, content):
 
 
 def test_missing_empty_and_pictureless_folders_are_errors(tmp_path):
-    with pytest.raises(SourceError, match='no such folder'):
+    with pytest.raises(SourceError, match='No such file'):
         ImageFolder(tmp_path / 'missing')
     with pytest.raises(SourceError, match='no pictures'):
         open_source(tmp_path)
