@@ -16,41 +16,46 @@ _SEED = 0
 
 _ONES = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(axis=1, dtype=np.uint8)
 
-Bits = npt.NDArray[np.uint8]  # (n, 32), 256 bits a descriptor
-Signs = npt.NDArray[np.float32]  # (n, 256), each bit as -1 or 1
+Bits = npt.NDArray[np.uint8]  # (n, b), 8 b bits a descriptor; ORB's b is 32
 Words = npt.NDArray[np.int32]
 
 
-def signs(descriptors: Bits) -> Signs:
-    """Return the bits of descriptors (n, b) as -1 and 1, (n, 8 b)."""
-    return np.unpackbits(descriptors, axis=1).astype(np.float32) * 2 - 1
-
-
-def medians(descriptors: Signs, count: int, rng: np.random.Generator) -> Signs:
-    """Return at most `count` bitwise medians (k, 256), by k-medians started as in k-means++."""
+def medians(descriptors: Bits, count: int, rng: np.random.Generator) -> Bits:
+    """Return at most `count` bitwise medians (k, b), by k-medians started as in k-means++."""
     centres = descriptors[[rng.integers(len(descriptors))]]
-    nearest = _distances(descriptors, centres)[:, 0]
-    while len(centres) < count and nearest.any():
-        chances = np.cumsum(nearest.astype(np.float64) ** 2)
-        drawn = np.searchsorted(chances / chances[-1], rng.random(), 'right')
-        centres = np.append(centres, descriptors[[drawn]], axis=0)
-        nearest = np.minimum(nearest, _distances(descriptors, centres[-1:])[:, 0])
+    away, _ = _nearest(descriptors, centres)
+    while len(centres) < count and away.any():
+        chances = np.square(away, dtype=np.float64).cumsum()
+        drawn = (chances / chances[-1]).searchsorted(rng.random(), 'right')
+        centres = np.concatenate((centres, descriptors[[drawn]]))
+        away = np.minimum(away, _nearest(descriptors, centres[-1:])[0])
     assigned = np.full(len(descriptors), -1)
+    ones, sizes = np.zeros((len(centres), 8 * descriptors.shape[1])), np.zeros(len(centres))
     for _ in range(_ROUNDS):
-        before, assigned = assigned, _distances(descriptors, centres).argmin(axis=1)
-        if (assigned == before).all():
+        before, (_, assigned) = assigned, _nearest(descriptors, centres)
+        moved = (assigned != before).nonzero()[0]
+        if not len(moved):
             break
-        members = assigned == np.arange(len(centres))[:, None]
-        sums = members.astype(np.float32) @ descriptors
-        is_met = members.any(axis=1)
-        centres = np.where(sums[is_met] >= 0, np.float32(1), np.float32(-1))
-        assigned = (np.cumsum(is_met) - 1)[assigned]
+        numbers = np.arange(len(centres))[:, None]
+        joined, left = assigned[moved] == numbers, before[moved] == numbers
+        change = joined.astype(np.float32) - left
+        ones += change @ np.unpackbits(descriptors[moved], axis=1).astype(np.float32)
+        sizes += change.sum(axis=1)
+        is_met = sizes > 0
+        ones, sizes = ones[is_met], sizes[is_met]
+        centres = np.packbits(2 * ones >= sizes[:, None], axis=1)
+        assigned = (is_met.cumsum() - 1)[assigned]
     return centres
 
 
-def _distances(descriptors: Signs, centres: Signs) -> npt.NDArray[np.float32]:
-    """Return the Hamming distances, (n, k)."""
-    return (descriptors.shape[1] - descriptors @ centres.T) / 2
+def _nearest(
+    descriptors: Bits, centres: Bits
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Return the Hamming distance (n,) of each descriptor to its nearest centre, and which."""
+    distances, nearest = cv2.batchDistance(
+        descriptors, centres, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=1
+    )
+    return distances[:, 0], nearest[:, 0]
 
 
 class Vocabulary:
@@ -62,41 +67,57 @@ class Vocabulary:
         self._branches, self._levels, self._words = branches, levels, 0
         self._random = np.random.default_rng(_SEED)
         every = np.concatenate(images)
-        most = min(_MOST, _PER_WORD * branches**levels)
-        sample = every[self._random.permutation(len(every))[:most]]
+        order, found = self._random.permutation(len(every)), np.zeros(len(every), np.int32)
         grown = list[tuple[Bits, Words]]()
-        if len(sample):
-            self._grow(sample, levels, grown)
+        if len(every):
+            most = min(len(every), _MOST, _PER_WORD * branches**levels)
+            self._grow(every, order, most, levels, grown, found)
         # For each inner node of the tree, the centres of its branches, and their targets: a node,
         # or a word w as -1 - w. A node with fewer branches repeats them.
         centres, leads = [node for node, _ in grown], [node for _, node in grown]
         self._centres = np.array(centres, np.uint8).reshape(-1, branches, 32)
         self._leads = np.array(leads, np.int32).reshape(-1, branches)
-        counts = np.zeros(self._words)
-        for one in images:
-            counts[np.unique(self.words(one))] += 1
+        counts, last = np.zeros(self._words), np.cumsum([len(one) for one in images])
+        for one in np.split(found, last[:-1]):
+            counts[np.unique(one)] += 1
         self.idf = np.log(max(1, len(images)) / np.maximum(counts, 1)).astype(np.float32)
 
     def __len__(self) -> int:
         return self._words
 
-    def _grow(self, descriptors: Bits, levels: int, grown: list[tuple[Bits, Words]]) -> int:
-        """Add a node with its subtree; return its number."""
-        centres = medians(signs(descriptors[:_OF_NODE]), self._branches, self._random)
-        bits, every = np.packbits(centres > 0, axis=1), np.arange(self._branches) % len(centres)
-        _, assigned = cv2.batchDistance(
-            descriptors, bits, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=1
-        )
-        node, leads = len(grown), np.zeros(len(centres), np.int32)
-        grown.append((bits[every], leads))
-        for number in range(len(centres)):
-            members = descriptors[assigned[:, 0] == number]
-            if levels > 1 and len(members) > self._branches:
-                leads[number] = self._grow(members, levels - 1, grown)
+    def _grow(
+        self,
+        every: Bits,
+        at: npt.NDArray[np.int64],
+        trained: int,
+        levels: int,
+        grown: list[tuple[Bits, Words]],
+        found: Words,
+    ) -> int:
+        """
+        Add a node with its subtree; return its number.
+
+        It has the descriptors `at` some rows, and learns of the first `trained` of them. The word
+        of each goes to `found`.
+        """
+        descriptors = every[at]
+        centres = medians(descriptors[: min(trained, _OF_NODE)], self._branches, self._random)
+        count, (_, assigned) = len(centres), _nearest(descriptors, centres)
+        by_branch = at[assigned.argsort(kind='stable')]
+        ends = np.bincount(assigned, minlength=count).cumsum()
+        learnt_of = np.bincount(assigned[:trained], minlength=count)
+        node, leads = len(grown), np.zeros(count, np.int32)
+        repeated = np.arange(self._branches) % count
+        grown.append((centres[repeated], leads))
+        for number, members in enumerate(np.split(by_branch, ends[:-1])):
+            if levels > 1 and learnt_of[number] > self._branches:
+                arguments = int(learnt_of[number]), levels - 1, grown, found
+                leads[number] = self._grow(every, members, *arguments)
             else:
+                found[members] = self._words
                 self._words += 1
                 leads[number] = -self._words
-        grown[node] = bits[every], leads[every]
+        grown[node] = centres[repeated], leads[repeated]
         return node
 
     def words(self, descriptors: Bits) -> Words:

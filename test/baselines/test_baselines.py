@@ -21,7 +21,7 @@ from convseq_ros.baselines.seqslam import (
     trajectory_scores,
 )
 from convseq_ros.baselines.vlad import learnt_centres, means, nearest, vlad
-from convseq_ros.baselines.vocabulary import bag_scores, signs, Vocabulary
+from convseq_ros.baselines.vocabulary import bag_scores, Vocabulary
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.given_files import read_descriptors, read_scores
@@ -35,6 +35,10 @@ import pytest
 @pytest.fixture
 def random():
     return np.random.default_rng(5)
+
+
+def signs(descriptors):
+    return np.unpackbits(descriptors, axis=1).astype(np.float32) * 2 - 1
 
 
 def drawn(random, count):
