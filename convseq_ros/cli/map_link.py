@@ -30,7 +30,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import MapError, NO_PLACES, printable
-from convseq_ros.io.regular_file import complete_or_absent
+from convseq_ros.io.regular_file import write_lines
 from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.edges import edges_of, Poses
 from convseq_ros.pose_graph.g2o import g2o
@@ -43,11 +43,6 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('map', type=Path, help='map file; gets the links that it lacks')
     help_ = 'replace all links by new ones, but for those that `unlink` took out'
     parser.add_argument('--again', action='store_true', help=help_)
-    add_outputs(parser)
-
-
-def add_outputs(parser: argparse.ArgumentParser) -> None:
-    """Declare the outputs that can be made from links."""
     add = parser.add_argument
     add('--g2o', type=Path, metavar='FILE', help='write the graph of poses')
     help_ = 'write a map whose poses are in one frame'
@@ -102,8 +97,7 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
     session = [place.session for place in linked.places]
     edges = [*edges_of(poses, session, links)]
     if chosen.g2o:
-        with complete_or_absent(chosen.g2o) as file:
-            file.write_text(''.join(f'{line}\n' for line in g2o(poses, edges)), encoding='utf-8')
+        write_lines(chosen.g2o, g2o(poses, edges))
     if not (chosen.output or chosen.picture or chosen.tum):
         return
     start = align_sessions(poses, session, edges)

@@ -156,7 +156,7 @@ class Fleet:
         ]
         self._threads = ThreadPoolExecutor(max(1, len(self._workers)), 'fleet')
         abouts: dict[str, About] = {}
-        for answer in self._ask_all('about', [()] * len(self._workers)):
+        for answer in self._ask_workers('about', [(worker, ()) for worker in self._workers]):
             opened, lost = answer or ({}, {})
             abouts |= opened
             self._missing |= lost
@@ -199,11 +199,11 @@ class Fleet:
         return FleetScores(self.ask, self._usual, both, next(self._cameras))
 
     def ask(self, question: Question) -> Answer:
-        offsets = [
-            {path: self.offsets[path] for path in worker.paths if path not in self._missing}
-            for worker in self._workers
-        ]
-        answers = self._ask_all('answer', [(question, by_path) for by_path in offsets])
+        questions = list[tuple[_Worker, tuple[Any, ...]]]()
+        for worker in self._workers:
+            there = (path for path in worker.paths if path not in self._missing)
+            questions.append((worker, (question, {path: self.offsets[path] for path in there})))
+        answers = self._ask_workers('answer', questions)
         pairs = zip(answers, self._workers, strict=True)
         return merged([answer for answer, worker in pairs if not worker.problem], question)
 
@@ -212,14 +212,14 @@ class Fleet:
         paths, wanted = [*self.offsets], dict[str, list[int]]()
         for index in indices:
             wanted.setdefault(paths[bisect_right(self._starts, index) - 1], []).append(index)
-        questions = list[tuple[_Worker, tuple[dict[str, list[int]], bool]]]()
+        questions = list[tuple[_Worker, tuple[Any, ...]]]()
         for worker in self._workers:
             held = [path for path in worker.paths if path in wanted]
             if held:
                 local = {path: [at - self.offsets[path] for at in wanted[path]] for path in held}
                 questions.append((worker, (local, with_images)))
         replies = dict[str, list[Picture] | str]()
-        for reply in self._ask_some('pictures', questions):
+        for reply in self._ask_workers('pictures', questions):
             replies |= reply or {}
         pictures = dict[int, Picture]()
         for path, places in wanted.items():
@@ -231,10 +231,7 @@ class Fleet:
             pictures |= zip(places, reply, strict=True)
         return [pictures[index] for index in indices]
 
-    def _ask_all(self, method: str, arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
-        return self._ask_some(method, [*zip(self._workers, arguments, strict=True)])
-
-    def _ask_some(
+    def _ask_workers(
         self, method: str, questions: Sequence[tuple[_Worker, tuple[Any, ...]]]
     ) -> list[Any]:
         """Ask some workers in parallel; the answer is None if all tries of a worker died."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads regular files only, and writes files that survive a power failure."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 import os
 from pathlib import Path
@@ -74,3 +74,9 @@ def complete_or_absent(path: Path) -> Iterator[Path]:
         if error.filename is None or f'{path.name}.' in str(error.filename):
             error.filename = str(path)
         raise
+
+
+def write_lines(path: Path, lines: Iterable[str]) -> None:
+    """Write a text file, in one step."""
+    with complete_or_absent(path) as part:
+        part.write_text(''.join(f'{line}\n' for line in lines), encoding='utf-8')

@@ -14,9 +14,10 @@ if __name__ == '__main__':
     pose_graph_main()
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
-from convseq_ros.core.rigid import matrix, pose_of
+from convseq_ros.core.rigid import Matrix, matrix, pose_of
+from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError, with_traceback
-from convseq_ros.io.regular_file import complete_or_absent
+from convseq_ros.io.regular_file import write_lines
 from convseq_ros.node.closures_heard import closure_of, closure_of_pair, uncertain_pose
 from convseq_ros.node.conversions import path_message, stamp_to_ns, status_message, type_name
 from convseq_ros.node.listener import ListeningNode
@@ -33,7 +34,7 @@ from convseq_ros.node.topics import (
 from convseq_ros.pose_graph.closures import Known
 from convseq_ros.pose_graph.g2o import g2o
 from convseq_ros.pose_graph.graph import PoseGraph
-from convseq_ros.pose_graph.graph_file import load_graph, map_of, save_graph, tum
+from convseq_ros.pose_graph.graph_file import load_graph, map_of, save_graph, write_tum
 from convseq_ros.pose_graph.optimisation import need_gtsam
 from convseq_ros.pose_graph.problem import Problem
 from convseq_ros.sources.pose_track import pose_from_message
@@ -215,8 +216,7 @@ class PoseGraphNode(ListeningNode):
             with self._lock:
                 changed = self._graph.adopt(problem, solution)
             for one in changed:
-                if not one.kept or one.kept_before is not None:
-                    self._tell(one)
+                self._tell(one)
         except Exception as error:
             self._problem = f'the graph is not solved: {with_traceback(error)}'
             self.get_logger().error(self._problem)
@@ -234,16 +234,10 @@ class PoseGraphNode(ListeningNode):
     def _report(self) -> None:
         with self._lock:
             values = self._graph.counts
-            drive = self._graph.running
-            count = len(drive.keyframes)
-            poses = None
-            if self._path.get_subscription_count() and count:
-                poses = self._graph.corrected(drive)
-                stamps = [drive.stamps[at] for at in drive.keyframes]
-        if poses is not None:
-            self._path.publish(
-                path_message(zip(stamps, map(pose_of, poses), strict=True), self._config.map_frame)
-            )
+            is_shown = self._path.get_subscription_count() and values['keyframes']
+            way = self._graph.trajectory() if is_shown else []
+        if way:
+            self._path.publish(path_message(_posed(way), self._config.map_frame))
         level, text = self._state(values)
         values |= {'solve_ms': self._solve_ms, 'update_ms': self._update_ms}
         values |= {'odom': self._odometry.topic, 'graph_file': self._config.graph_file}
@@ -276,17 +270,18 @@ class PoseGraphNode(ListeningNode):
         with self._lock:
             if self._file and save_graph(self._graph, self._file, self._map_id):
                 written.append(str(self._file))
-            poses, edges = self._graph.whole()
-            drive = self._graph.running
-            stamps = [drive.stamps[at] for at in drive.keyframes]
-            corrected = self._graph.corrected(drive)
-        texts = ((config.tum_file, tum(stamps, corrected)), (config.g2o_file, g2o(poses, edges)))
-        for name, lines in texts:
-            if name and poses:
-                with complete_or_absent(Path(name)) as part:
-                    part.write_text(''.join(f'{line}\n' for line in lines), encoding='utf-8')
-                written.append(name)
+            (poses, edges), way = self._graph.whole(), self._graph.trajectory()
+        if config.tum_file and poses:
+            write_tum(Path(config.tum_file), _posed(way))
+            written.append(config.tum_file)
+        if config.g2o_file and poses:
+            write_lines(Path(config.g2o_file), g2o(poses, edges))
+            written.append(config.g2o_file)
         return ', '.join(written) and f'written: {", ".join(written)}'
+
+
+def _posed(way: list[tuple[int, Matrix]]) -> list[tuple[int, Pose]]:
+    return [(stamp_ns, pose_of(at)) for stamp_ns, at in way]
 
 
 def main(args: list[str] | None = None) -> int:

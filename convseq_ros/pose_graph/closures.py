@@ -37,6 +37,5 @@ class Known:
     closure: Closure
     edge: Edge | None = None  # None while one of its places is not known
     kept: bool | None = None  # whether the solution agrees; None before it is solved
-    kept_before: bool | None = None  # the verdict before the last one
     error: float = 0.0  # in standard deviations
     apart_m: float = 0.0  # distance between the measured and the corrected position

@@ -75,7 +75,8 @@ class PoseGraph:
             self.restarts += 1
             first = self._first(self.running)
             self.nodes = {node: at for node, at in self.poses().items() if node < first}
-            self.known = {key: one for key, one in self.known.items() if _ends_before(one, first)}
+            placed = [(key, one, one.edge) for key, one in self.known.items()]
+            self.known = {key: one for key, one, edge in placed if edge and edge.end < first}
             self._begin()
         self.running.add(stamp_ns, pose, told)
 
@@ -158,7 +159,7 @@ class PoseGraph:
         return self.nodes
 
     def adopt(self, problem: Problem, solution: Solution) -> list[Known]:
-        """Take over a solution; return the closures on which the verdict is new."""
+        """Take over a solution; return closures that it newly refuses, or accepts after all."""
         if problem.solver is not self._solver:
             return []  # the drive began anew
         changed = []
@@ -166,8 +167,9 @@ class PoseGraph:
         for one, kept, error in zip(problem.links, solution.kept, solution.errors, strict=True):
             one.error, edge = error, one.edge
             if edge and one.kept is not kept:
-                changed.append(one)
-                one.kept_before, one.kept = one.kept, kept
+                if one.kept is False or not kept:
+                    changed.append(one)
+                one.kept = kept
                 there = solution.pose(edge.start) @ edge.moved
                 one.apart_m = math.dist(there[:3, 3], solution.pose(edge.end)[:3, 3])
                 self._is_aligned |= kept and edge.end >= first > edge.start
@@ -196,6 +198,11 @@ class PoseGraph:
         left, _, right = np.linalg.svd(result[:, :3, :3])  # the nearest rotation
         result[:, :3, :3] = left @ right
         return np.asarray(result)
+
+    def trajectory(self) -> list[tuple[int, Matrix]]:
+        """Return the stamps and the corrected poses (4, 4) of the running drive's keyframes."""
+        stamps = [self.running.stamps[at] for at in self.running.keyframes]
+        return [*zip(stamps, self.corrected(self.running), strict=True)]
 
     @property
     def counts(self) -> dict[str, Any]:
@@ -279,7 +286,3 @@ class PoseGraph:
                 place = drive.place(closure.reference_ns)
                 return place and (self._first(drive) + place[0], place[1])
         return None
-
-
-def _ends_before(one: Known, first: int) -> bool:
-    return one.edge is not None and one.edge.end < first

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A pose graph in a file beside its map, and trajectories in the format of TUM."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import accumulate, pairwise
 import json
 from pathlib import Path
@@ -10,10 +10,10 @@ from typing import Any
 import zipfile
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
-from convseq_ros.core.rigid import Matrix, pose_of
+from convseq_ros.core.rigid import Matrix
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import MapError, one_line
-from convseq_ros.io.regular_file import complete_or_absent, refuse_irregular
+from convseq_ros.io.regular_file import complete_or_absent, refuse_irregular, write_lines
 from convseq_ros.pose_graph.closures import Closure, Known
 from convseq_ros.pose_graph.edges import Edge
 from convseq_ros.pose_graph.graph import PoseGraph
@@ -154,17 +154,10 @@ def _squared(rows: Matrix) -> Matrix:
 
 
 def write_tum(path: Path, stamped: Iterable[tuple[int, Pose]]) -> None:
-    """Write stamped poses in the order of time, in one step."""
-    ordered = sorted(stamped, key=lambda one: one[0])
-    lines = tum([stamp_ns for stamp_ns, _ in ordered], [pose for _, pose in ordered])
-    with complete_or_absent(path) as part:
-        part.write_text(''.join(f'{line}\n' for line in lines), encoding='utf-8')
-
-
-def tum(stamps_ns: Sequence[int], poses: Iterable[Matrix | Pose]) -> Iterator[str]:
-    """Yield the lines of a trajectory: seconds, position in metres, quaternion x y z w."""
-    for stamp_ns, pose in zip(stamps_ns, poses, strict=True):
-        at = pose if isinstance(pose, Pose) else pose_of(pose)
+    """Write stamped poses by time: seconds, position in metres, quaternion x y z w."""
+    lines = []
+    for stamp_ns, pose in sorted(stamped, key=lambda one: one[0]):
         seconds, rest = divmod(stamp_ns, 10**9)
-        numbers = ' '.join(f'{value:.9g}' for value in (*at.position, *at.orientation))
-        yield f'{seconds}.{rest:09d} {numbers}'
+        numbers = ' '.join(f'{value:.9g}' for value in (*pose.position, *pose.orientation))
+        lines.append(f'{seconds}.{rest:09d} {numbers}')
+    write_lines(path, lines)

@@ -99,8 +99,7 @@ def test_a_verdict_may_be_taken_back():
     near = closure(LAP + 3, 3, pose(4.0, 3.0))
     assert solve(graph, near) == [True]
     solve(graph, *RIGHT)
-    one = graph.known[near.key]
-    assert (one.kept, one.kept_before) == (False, True)
+    assert graph.known[near.key].kept is False
 
 
 def test_the_correction_moves_the_newest_odometry_to_the_end_of_the_way():
