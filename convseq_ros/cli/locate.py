@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.cli.options import add_config, chosen_config, warn
-from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -17,11 +16,13 @@ from convseq_ros.core.types import Frame, Localization, Match, PoseEstimate
 from convseq_ros.errors import ConfigError, ConvseqError, ImageError, printable, SourceError
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.models.onnx_model import open_model
-from convseq_ros.node.match_picture import match_picture
+from convseq_ros.node.match_picture import answer_picture
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.folder import FRAME_INTERVAL_NS, unreadable
 from convseq_ros.sources.images import gray_and_color, read_picture
 import cv2
+import numpy as np
+import numpy.typing as npt
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +49,7 @@ def run(chosen: argparse.Namespace) -> int:
         pose = _pose(matches, recognizer)
         answer = _answer(matches, recognizer, pose)
         if chosen.picture:
-            _draw(chosen.picture, frames[-1], matches[-1], recognizer)
+            _draw(chosen.picture, answer_picture(frames[-1], matches[-1], recognizer))
     finally:
         session.close()
     print(json.dumps(answer) if chosen.json else _in_words(answer, pose))
@@ -136,11 +137,7 @@ def _in_words(answer: dict[str, Any], pose: PoseEstimate | None) -> str:
     return '\n'.join(lines)
 
 
-def _draw(path: Path, frame: Frame, match: Match, recognizer: PlaceRecognizer) -> None:
-    best = match.best
-    thumbnail = recognizer.reference_map.thumbnail(best.reference_index) if best else b''
-    image = upright(frame, recognizer.reference_map.encoding)
-    picture = match_picture(image, match, thumbnail, recognizer.displacements(best))
+def _draw(path: Path, picture: npt.NDArray[np.uint8]) -> None:
     done, png = cv2.imencode('.png', picture)
     if not done:
         raise ConvseqError(f'{path}: the picture cannot be encoded')

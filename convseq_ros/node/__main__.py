@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The processes of the nodes; `vpr_node` is also `python -m convseq_ros.node`."""
 
-from collections.abc import Callable, Iterable
 import sys
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from convseq_ros.node.process import end_on_signal, run_node
 
@@ -34,18 +33,19 @@ vpr_node/loop_closure, vpr_node/pose, vpr_node/map_info. Parameters:
 
 def main() -> NoReturn:
     """Run `vpr_node`; a signal ends it cleanly, also while it starts."""
-    _start('vpr_node', _help)
+    _start('vpr_node', _USAGE)
 
 
 def pose_graph_main() -> NoReturn:
     """Run `pose_graph_node` in the same way."""
-    _start('pose_graph_node', _graph_help)
+    _start('pose_graph_node', _GRAPH_USAGE)
 
 
-def _start(name: str, help_text: Callable[[], str]) -> NoReturn:
+def _start(name: str, usage: str) -> NoReturn:
     end_on_signal(0)  # before anything else is imported
     if {'-h', '--help'} & set(sys.argv[1:]):
-        print(help_text())
+        print(usage)
+        _describe(name)
         sys.exit(0)
     if sys.argv[1:] and sys.argv[1] != '--ros-args':  # ROS would ignore it silently
         print(f'{name}: {sys.argv[1]}: parameters and remaps follow --ros-args', file=sys.stderr)
@@ -59,30 +59,20 @@ def _start(name: str, help_text: Callable[[], str]) -> NoReturn:
     run_node(f'convseq_ros.node.{name}')
 
 
-def _help() -> str:
+def _describe(name: str) -> None:
+    """Print the parameters of a node."""
+    import textwrap
+
     from convseq_ros.config import core_parameters
     from convseq_ros.config.node_config import NodeConfig
     from convseq_ros.config.parameter import parameters
-
-    return _described(_USAGE, (*parameters(NodeConfig), *core_parameters()))
-
-
-def _graph_help() -> str:
-    from convseq_ros.config.parameter import parameters
     from convseq_ros.config.pose_graph_config import PoseGraphConfig
 
-    return _described(_GRAPH_USAGE, parameters(PoseGraphConfig))
-
-
-def _described(usage: str, items: Iterable[Any]) -> str:
-    import textwrap
-
-    lines = [usage]
-    for item in items:
+    of_vpr = *parameters(NodeConfig), *core_parameters()
+    for item in of_vpr if name == 'vpr_node' else parameters(PoseGraphConfig):
         about = ', '.join(part for part in (item.bounds, item.unit) if part)
-        lines.append(f'  {item.name} = {item.default!r}{f"  ({about})" if about else ""}')
-        lines.append(textwrap.indent(textwrap.fill(item.doc, 90), 6 * ' '))
-    return '\n'.join(lines)
+        print(f'  {item.name} = {item.default!r}{f"  ({about})" if about else ""}')
+        print(textwrap.indent(textwrap.fill(item.doc, 90), 6 * ' '))
 
 
 if __name__ == '__main__':

@@ -6,7 +6,7 @@ import math
 from uuid import UUID
 
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Match, Pose, RelativePose, UNKNOWN_M2
+from convseq_ros.core.types import Candidate, Match, Pose, RelativePose, UNKNOWN_M2
 from convseq_ros.node.conversions import (
     cloud_message,
     match_header,
@@ -54,9 +54,7 @@ def closure_message(
     match: Match, reference_map: ReferenceMap, frame_id: str, session_start: int
 ) -> PointCloud2:
     """Return an accepted match as a closure; places from `session_start` on are of this drive."""
-    accepted = match.accepted
-    if accepted is None:
-        raise ValueError('a closure needs an accepted match')
+    accepted, reference_session, query_session = _ends(match, reference_map, session_start)
     row = np.zeros(1, CLOSURE)
     _write_pose(row, match.relative_pose)
     row['layout'] = LAYOUT
@@ -71,13 +69,10 @@ def closure_message(
     row['confidence'] = math.nan if match.confidence is None else match.confidence
     measured = match.relative_pose
     row['inliers'] = measured.inliers if measured else accepted.inliers or 0
-    place = reference_map.places[accepted.reference_index]
-    row['session'] = place.session
+    row['session'] = accepted.session
     row['map_id'] = _bytes(reference_map.map_id)
-    row['reference_session'] = _bytes(reference_map.sessions[place.session].id)
-    if session_start < len(reference_map):
-        newest = reference_map.places[len(reference_map) - 1]
-        row['query_session'] = _bytes(reference_map.sessions[newest.session].id)
+    row['reference_session'] = _bytes(reference_session)
+    row['query_session'] = _bytes(query_session)
     return cloud_message(row, match_header(match, frame_id), is_dense=False)
 
 
@@ -91,15 +86,9 @@ def closure_odometry_message(
     they are no TF frames. A query that is not in the map has no session. Without a measured
     position it is zero, with a variance of 1e6 m2; without a measured turn, of 10 rad2.
     """
-    accepted = match.accepted
-    if accepted is None:
-        raise ValueError('a closure needs an accepted match')
-    place = reference_map.places[accepted.reference_index]
-    reference, newest = reference_map.sessions[place.session].id, ''
-    if session_start < len(reference_map):
-        newest = reference_map.sessions[reference_map.places[len(reference_map) - 1].session].id
+    accepted, reference, query = _ends(match, reference_map, session_start)
     message = Odometry(header=match_header(match, f'{reference}/{accepted.reference_stamp_ns}'))
-    message.child_frame_id = f'{newest}/{match.query_stamp_ns}'
+    message.child_frame_id = f'{query}/{match.query_stamp_ns}'
     covariance = np.diag([UNKNOWN_M2] * 3 + [UNKNOWN_RAD2] * 3)
     pose = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     if measured := match.relative_pose:
@@ -110,6 +99,18 @@ def closure_odometry_message(
     message.pose.pose = pose_only_message(pose)
     message.pose.covariance = covariance.ravel()
     return message
+
+
+def _ends(
+    match: Match, reference_map: ReferenceMap, session_start: int
+) -> tuple[Candidate, str, str]:
+    """Return what was accepted, the id of its session, and of the query's; empty without one."""
+    accepted, sessions = match.accepted, reference_map.sessions
+    if accepted is None:
+        raise ValueError('a closure needs an accepted match')
+    is_in_map = session_start < len(reference_map)
+    query = sessions[reference_map.places[-1].session].id if is_in_map else ''
+    return accepted, sessions[accepted.session].id, query
 
 
 def _write_pose(row: npt.NDArray[np.void], measured: RelativePose | None) -> None:

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The query beside its best reference: on `~/debug_image`, and drawn by `convseq locate`."""
 
+from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.image_coding import decode_jpeg
+from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
 import cv2
 import numpy as np
@@ -15,6 +17,14 @@ _CAPTION_PX = 24
 _WIDEST_PX = 4 * _HEIGHT_PX  # a wider image is squeezed; limits an image of a single row
 _BLANK = np.full((_HEIGHT_PX, _HEIGHT_PX), 64, np.uint8)
 _GREEN, _GREY, _OUTLIER = (80, 220, 80), (200, 200, 200), (110, 110, 110)
+
+
+def answer_picture(frame: Frame, match: Match, recognizer: PlaceRecognizer) -> Image:
+    """Return the picture of the newest frame and its answer, as `match_picture`."""
+    best, reference_map = match.best, recognizer.reference_map
+    thumbnail = reference_map.thumbnail(best.reference_index) if best else b''
+    image = upright(frame, reference_map.encoding)
+    return match_picture(image, match, thumbnail, recognizer.displacements(best))
 
 
 def match_picture(frame: Frame, match: Match, thumbnail: bytes, field: Regions) -> Image:

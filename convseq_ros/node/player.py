@@ -3,8 +3,6 @@
 """Publishes a recording or a folder of pictures on live topics, with /clock."""
 
 import argparse
-import math
-from pathlib import Path
 import sys
 import time
 
@@ -14,29 +12,23 @@ if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
     run_node('convseq_ros.node.player')
 
-from convseq_ros.config.arguments import Parser
-from convseq_ros.config.reading_config import add_reading, chosen_reading
+from convseq_ros.config.reading_config import chosen_reading
 from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.node.conversions import stamp_from_ns
 from convseq_ros.node.cues import Cue, cues_of, IMAGE, images_of
+from convseq_ros.node.player_options import NAME, option, parser, SIDES
 from convseq_ros.sources import open_source, Source
 from convseq_ros.sources.recording import TopicMessages
-from convseq_ros.sources.topics import CAMERA_TYPES, ODOMETRY_TYPES
-from nav_msgs.msg import Odometry
 import rclpy
 from rclpy.duration import Duration
-from rclpy.exceptions import InvalidTopicNameException
-from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
-from rclpy.validate_full_topic_name import validate_full_topic_name
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CompressedImage, Image
 
-_NAME = 'convseq_player'
 _TICK_S = 0.01
 # Fast DDS sends larger messages in fragments, which are acknowledged at once. Smaller messages are
 # acknowledged every 3 s only, so they need a longer history instead of pauses.
@@ -44,7 +36,6 @@ _FRAGMENTED_BYTES = 65_000
 _DEPTH_FRAGMENTED, _UNACKNOWLEDGED = 100, 50
 _DEPTH_WHOLE = 1000
 _ACKNOWLEDGE_S, _ACKNOWLEDGE_POLL_S = 10.0, 0.2
-_SIDES = {'odom': (Odometry, ODOMETRY_TYPES), 'camera_info': (CameraInfo, CAMERA_TYPES)}
 _SIDES_WAIT_S, _SIDES_ACKNOWLEDGE_S = 2.0, 4.0
 
 
@@ -52,7 +43,7 @@ class Player(Node):
     """Plays a source once or in a loop; `options` are those of `parser`."""
 
     def __init__(self, source: Source, options: argparse.Namespace) -> None:
-        super().__init__(_NAME)
+        super().__init__(NAME)
         self._source, self._options, self._sent = source, options, 0
         # Stamp of the first image of this round, and when it was sent (monotonic).
         self._begun: tuple[int, int] | None = None
@@ -61,8 +52,8 @@ class Player(Node):
         reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
         reading = chosen_reading(options)
         self._beside = {
-            name: TopicMessages(options.recording, side, types, _option(name), reading)
-            for name, (_, types) in _SIDES.items()
+            name: TopicMessages(options.recording, side, types, option(name), reading)
+            for name, (_, types) in SIDES.items()
             if (side := getattr(options, name))
         }
         first = next((cue.message for cue in images_of(source)), b'')
@@ -71,7 +62,7 @@ class Player(Node):
         depth = _DEPTH_FRAGMENTED if self._large else _DEPTH_WHOLE
         # Images last: a node that discovers them has discovered the others.
         self._sides: dict[str, Publisher] = {
-            name: self.create_publisher(_SIDES[name][0], messages.chosen.name, _DEPTH_WHOLE)
+            name: self.create_publisher(SIDES[name][0], messages.chosen.name, _DEPTH_WHOLE)
             for name, messages in self._beside.items()
         }
         self._images: Publisher = self.create_publisher(
@@ -173,64 +164,6 @@ class Player(Node):
 def _progress(sent: int, total: int, loop: bool) -> None:
     if sys.stderr.isatty():
         print(f'\r{sent}{"" if loop else f" / {total}"} images', end='', file=sys.stderr)
-
-
-def parser() -> argparse.ArgumentParser:
-    result = Parser(
-        prog='convseq play',
-        description='Publish the images of a recording on their topic, or pictures on /image, '
-        'and /clock.',
-    )
-    result.add_argument('recording', type=Path, metavar='RECORDING')
-    result.add_argument('--topic', default='', help='image topic of the recording, if several')
-    # A table of options reads better in few lines.
-    # fmt: off
-    for name, (kind, _) in _SIDES.items():
-        result.add_argument(_option(name), default='', metavar='TOPIC',
-            help=f'also publish this {kind.__name__} topic of the recording')
-    result.add_argument('--remap', action='append', type=_rule, default=[], metavar='FROM:=TO',
-        help='publish a topic under another name; may be given more than once')
-    result.add_argument('--rate', type=_positive, default=1.0, metavar='FACTOR',
-        help='speed (default: 1)')
-    result.add_argument('--start', type=_seconds, default=0.0, metavar='S',
-        help='leave out the first S seconds')
-    result.add_argument('--loop', action='store_true', help='start again at the end')
-    result.add_argument('--best-effort', action='store_true', help='publish as many camera '
-        'drivers do; images may be lost (default: reliable)')
-    result.add_argument('--wait-subscribers', type=_seconds, default=10.0, metavar='S',
-        help='wait up to S seconds for a subscriber; 0: do not wait (default: 10)')
-    # fmt: on
-    add_reading(result)
-    return result
-
-
-def _option(name: str) -> str:
-    return '--' + name.replace('_', '-')
-
-
-def _rule(text: str) -> str:
-    old, _, new = text.partition(':=')
-    if not (old and new) or ' ' in text:
-        raise argparse.ArgumentTypeError(f'{text!r} is not of the form FROM:=TO')
-    try:
-        validate_full_topic_name(expand_topic_name(new, _NAME, '/'))
-    except (InvalidTopicNameException, ValueError) as error:
-        raise argparse.ArgumentTypeError(one_line(error)) from None
-    return text
-
-
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f'{text} is not a number of seconds from 0 on')
-    return value
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f'{text} is not a number above 0')
-    return value
 
 
 def main(args: list[str] | None = None) -> int:

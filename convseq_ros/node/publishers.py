@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 from convseq_ros.config.node_config import NodeConfig
-from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.pose.estimate import with_map_errors
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match, PoseEstimate
@@ -22,7 +21,7 @@ from convseq_ros.node.conversions import (
     pose_message,
 )
 from convseq_ros.node.map_topics import MapTopics, MatchMarkers
-from convseq_ros.node.match_picture import match_picture
+from convseq_ros.node.match_picture import answer_picture
 from convseq_ros.node.recognition import Answered
 from convseq_ros.node.topics import advertise
 from diagnostic_msgs.msg import DiagnosticArray
@@ -115,8 +114,5 @@ class MatchPublishers:
 
 
 def _debug_image(frame: Frame, match: Match, recognizer: PlaceRecognizer) -> Image:
-    best, reference_map = match.best, recognizer.reference_map
-    thumbnail = reference_map.thumbnail(best.reference_index) if best else b''
-    image = upright(frame, reference_map.encoding)
-    picture = match_picture(image, match, thumbnail, recognizer.displacements(best))
-    return image_message(picture, match_header(match, frame.frame_id))
+    header = match_header(match, frame.frame_id)
+    return image_message(answer_picture(frame, match, recognizer), header)

@@ -6,122 +6,22 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from threading import Event, Lock, Thread
 import time
 from typing import Any
 
-from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.types import Frame, Match
-from convseq_ros.errors import (
-    ConfigError,
-    ConvseqError,
-    ImageError,
-    ModelError,
-    one_line,
-    with_traceback,
-)
-from convseq_ros.io.results import ResultWriter
+from convseq_ros.errors import ConvseqError, ImageError, ModelError, one_line, with_traceback
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.frame_context import FrameContext
+from convseq_ros.node.map_linking import MapLinking
 from convseq_ros.node.once import Once
+from convseq_ros.node.result_log import ResultLog
 from convseq_ros.sources.images import gray_and_color, message_pixels
 from convseq_ros.sources.raw_message import RawMessage
 
 _LOG_PERIOD_S = 5.0
-_PATIENCE_S = 5.0  # at the end, for the place that is being linked
-
-
-class ResultLog:
-    """Writes rows if `path` is not empty; after a failure, counts the `lost` rows instead."""
-
-    def __init__(self, path: str, logger: Any) -> None:
-        self.lost = 0
-        self._path = path
-        self._logger = logger
-        self._lock = Lock()
-        self._failed = False
-        self._writer: ResultWriter | None = None
-        if path:
-            try:
-                self._writer = ResultWriter(Path(path), COLUMNS)
-            except OSError as error:
-                raise ConfigError(
-                    f'result_file: {path} cannot be written ({error.strerror}); '
-                    'choose another or leave it empty'
-                ) from None
-            if self._writer.kept:
-                logger.warning(
-                    f'{self._writer.kept}: has the rows of an earlier run that did not end'
-                )
-
-    def write(self, match: Match, duration_ms: float) -> None:
-        with self._lock:
-            if writer := self._writer:
-                try:
-                    writer.write(row(match, duration_ms))
-                except OSError as error:
-                    self._logger.error(
-                        f'{self._path}: {error.strerror}; going on without rows from frame '
-                        f'{match.query_index} on'
-                    )
-                    writer.abandon()
-                    self._writer, self._failed = None, True
-            self.lost += self._failed
-
-    def close(self) -> None:
-        """Complete the file; later rows are left out."""
-        with self._lock:
-            if self._writer:
-                try:
-                    self._writer.close()
-                except OSError as error:
-                    self._logger.error(f'{self._path}: not completed ({error.strerror})')
-            self._writer = None
-
-
-class MapLinking:
-    """
-    Links the places of a map to earlier places that show the same, in a separate thread.
-
-    It pauses for as long as it works, so that half of a core stays free for frames. A growing map
-    stores the links in its file, other maps keep them in memory. If no link is missing, nothing is
-    done.
-    """
-
-    def __init__(self, session: Pipeline, logger: Any) -> None:
-        self._session, self._logger, self._end = session, logger, Event()
-        self._thread = Thread(target=self._run, name='linking', daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Stop linking; the links so far stay."""
-        self._end.set()
-        self._thread.join(_PATIENCE_S)
-
-    def _run(self) -> None:
-        try:
-            self._link()
-        except Exception as error:
-            # The map works without links, too.
-            self._logger.error(f'linking: {with_traceback(error)}')
-
-    def _link(self) -> None:
-        recognizer, path = self._session.recognizer, self._session.path
-        reference_map = recognizer.reference_map
-        if not (count := sum(map(len, not_linked(reference_map)))):
-            return
-        self._logger.info(f'linking {count} places of {path}, which was made without links')
-        began_s, tenths = time.monotonic(), 0
-        for done, _ in enumerate(link_map(reference_map, recognizer.config), 1):
-            if 10 * done // count > tenths:
-                tenths, links = 10 * done // count, len(reference_map.links)
-                self._logger.info(f'linking {path}: {10 * tenths} %, {links} links')
-            if self._end.wait(time.monotonic() - began_s):
-                return
-            began_s = time.monotonic()
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +129,7 @@ class Recognition:
 
     def _read(self, arrival: Arrival) -> tuple[Frame, float]:
         """Return a frame with its pose and depth, and the milliseconds that decoding took."""
-        pose = self.context.pose_at(arrival.stamp_ns)
+        pose = self.context.odometry.pose_at(arrival.stamp_ns)
         depth_m = self.context.depth_at(arrival.topic, arrival.stamp_ns)
         start_ns = time.perf_counter_ns()
         frame = replace(self._decode(arrival), pose=pose, depth_m=depth_m)

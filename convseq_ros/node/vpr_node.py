@@ -32,7 +32,8 @@ from convseq_ros.node.measured_transform import MeasuredTransform
 from convseq_ros.node.parameters import declare
 from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers
-from convseq_ros.node.recognition import Answered, Arrival, Recognition, ResultLog
+from convseq_ros.node.recognition import Answered, Arrival, Recognition
+from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.running import run_until_signal
 from convseq_ros.node.stamps import Stamps
 from convseq_ros.node.topic_finder import Change, TopicFinder

@@ -72,7 +72,7 @@ def test_a_closure_as_odometry_is_as_unsure_as_its_pose_is_unknown(
 
 
 def test_a_closure_of_a_growing_map_names_the_session_of_its_query():
-    match = replace(MATCH, candidates=(Candidate(2, 300, 0.9),))
+    match = replace(MATCH, candidates=(Candidate(2, 300, 0.9, session=1),))
     message = closure_odometry_message(match, places_of_two_drives(), session_start=2)
     ids = message.header.frame_id, message.child_frame_id
     assert ids == ('second/300', f'second/{STAMP_NS}')

@@ -17,7 +17,8 @@ from convseq_ros.io.results import read_results, ResultWriter
 from convseq_ros.node import diagnostics, progress_log
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.diagnostics import Statistics
-from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
+from convseq_ros.node.recognition import Arrival, Recognition
+from convseq_ros.node.result_log import ResultLog
 from convseq_ros.sources.raw_message import IMAGE, RawMessage
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
@@ -42,7 +43,7 @@ class Setup:
         self.results = ResultLog(str(path), self.logger)
         self.ros_is_up = Mock(return_value=True)
         self.surroundings = Mock()
-        self.surroundings.pose_at.return_value = POSE
+        self.surroundings.odometry.pose_at.return_value = POSE
         self.surroundings.depth_at.return_value = None
         self.surroundings.camera_for.return_value = CAMERA
         self.recognition = Recognition(

@@ -10,8 +10,8 @@ from unittest.mock import Mock
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Camera
 from convseq_ros.node import frame_context as module
+from convseq_ros.node.camera_description import Mount
 from convseq_ros.node.conversions import stamp_from_ns
-from convseq_ros.node.frame_context import Mount
 from convseq_ros.node.topics import LATCHED
 from nav_msgs.msg import Odometry
 import numpy as np
