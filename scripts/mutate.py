@@ -252,9 +252,10 @@ class Mutants:
                 for number in signal.SIGPROF, signal.SIGALRM:
                     signal.signal(number, lambda *_: os._exit(1))
                 signal.setitimer(signal.ITIMER_PROF, 3 * self._chosen.seconds)
-                signal.alarm(4 * self._chosen.seconds)
             with contextlib.suppress(BaseException):
                 for item, following in zip(tests, [*tests[1:], None], strict=False):
+                    # Of each test: on a busy machine, all together may take long.
+                    signal.alarm(0 if recorder else 4 * self._chosen.seconds)
                     item.ihook.pytest_runtest_protocol(item=item, nextitem=following)
                     if session.testsfailed:
                         break

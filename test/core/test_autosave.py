@@ -262,8 +262,17 @@ def test_where_the_memory_of_a_log_cannot_be_shared_a_copy_is_read(killed, monke
     assert is_right(open_map(killed), 9)
 
 
-def test_the_next_owner_goes_on_with_a_log_that_a_crash_left(killed):
-    grown(killed, 2).close()
+@pytest.mark.parametrize('is_shared', [True, False])
+def test_the_next_owner_goes_on_with_a_log_that_a_crash_left(killed, is_shared):
+    shared = killed.with_name('map.db-shm')
+    if not is_shared:  # as where programs share no memory
+        shared.unlink()
+        shared.mkdir()
+    owner = grown(killed, 2)
+    assert is_right(open_map(killed), 11)
+    owner.close()
+    if not is_shared:
+        shared.rmdir()
     assert beside(killed) == [''] and is_right(open_map(killed), 11)
 
 
@@ -300,11 +309,18 @@ def test_places_that_were_added_are_taken_back(path, count):
     own(path).close()
 
 
-def test_a_map_that_was_moved_is_not_taken_back(path):
+@pytest.mark.parametrize(
+    ('put', 'said'),
+    [
+        (lambda path, other: other.replace(path), 'was moved or replaced'),
+        (lambda path, other: path.write_bytes(other.read_bytes()), 'it is another map'),
+    ],
+)
+def test_a_map_that_is_another_one_now_is_not_taken_back(path, put, said):
     autosave = grown(path, 2)
     another = path.with_name('another.db')
     save_map(drawn(5), another)
-    another.replace(path)
-    with pytest.raises(MapError, match='was moved or replaced'):
+    put(path, another)
+    with pytest.raises(MapError, match=said):
         autosave.take_back()
     assert holds(path) == 5

@@ -4,16 +4,17 @@
 
 from contextlib import closing
 import json
+import os
 import sqlite3
 
 from convseq_ros.config import KeyframeConfig
 from convseq_ros.core.map import reader
 from convseq_ros.core.map.format import FORMAT_VERSION, is_map_or_empty
-from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
+from convseq_ros.core.map.place import pack_cells, Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import MapWriter, save_map
-from convseq_ros.core.types import Pose
+from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import MapError
 import numpy as np
 import pytest
@@ -57,6 +58,24 @@ def test_cells_of_another_size_are_refused():
 
 def test_what_was_saved_is_opened_again(map_path):
     assert same(open_map(map_path, ENCODING), make())
+
+
+def test_a_map_keeps_its_id_and_all_that_is_known_of_its_sessions(tmp_path):
+    path, whole, mount = tmp_path / 'map.db', ReferenceMap(ENCODING), Pose((0, 0, 1), (0, 0, 0, 1))
+    camera = Camera(640, 480, 500.0, 400.0, 0.0, 240.0, 'plumb_bob', (0.0, 0.1, 0.0, 0.0), mount)
+    for known in ((), (camera, 'lap', 'town'), (Camera(1, 1, 1.0, 1.0, 1.0, 1.0),)):
+        whole.begin_session(len(whole), *known)
+        whole.add(Place(len(whole), session=len(whole.sessions) - 1), cells(0))
+    save_map(whole, path)
+    opened = open_map(path)
+    assert opened.sessions == whole.sessions and opened.map_id == whole.map_id
+
+
+def test_a_place_that_is_written_before_any_session_begins_one(tmp_path):
+    path, picture = tmp_path / 'map.db', Picture(cells(0))
+    with MapWriter(path, ENCODING, KeyframeConfig()) as writer:
+        writer.add(Place(7), picture, make(1).global_descriptors[0])
+    assert [session.start_ns for session in open_map(path).sessions] == [7]
 
 
 def test_a_map_is_whole_however_many_rows_are_read_at_once(map_path, monkeypatch):
@@ -121,8 +140,11 @@ def test_a_foreign_file_is_refused(tmp_path, content):
     path = tmp_path / 'foreign.db'
     path.write_bytes(content)
     why = 'not a convseq map' if content else 'is empty, no map yet; make one with'
-    with pytest.raises(MapError, match=f'foreign.db: {why}'):
-        open_map(path)
+    opened = len(os.listdir('/proc/self/fd'))
+    for _ in range(3):
+        with pytest.raises(MapError, match=f'foreign.db: {why}'):
+            open_map(path)
+    assert len(os.listdir('/proc/self/fd')) == opened
     assert path.read_bytes() == content
 
 

@@ -55,7 +55,7 @@ def test_a_drawn_street_tells_the_pose_in_metres(street, made, index):
 def test_a_map_without_poses_gives_no_metres(street, made):
     bare = [replace(one, pose=None) for one in street[0]]
     pose = made(street[1][9], 11, bare)
-    assert pose.position_m is None and pose.covariance[0, 0] == 1e6
+    assert pose.position_m is None and pose.covariance[0, 0] == 1e6 and pose.explains
     assert math.hypot(*pose.orientation) == pytest.approx(1)
 
 

@@ -6,6 +6,7 @@ from threading import Thread
 
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.image_coding import decode_jpeg, thumbnail
 from convseq_ros.core.map.online import FollowedMap, OnlineMap
 from convseq_ros.core.map.place import pack_cells, Picture, Place
@@ -102,6 +103,15 @@ def test_only_what_may_be_a_thumbnail_is_decoded(monkeypatch):
     assert decode_jpeg(b'') is None and decode_jpeg(b'no picture') is None
     monkeypatch.setattr(cv2, 'imdecode', lambda *_: pytest.fail('it was decoded'))
     assert decode_jpeg(declaring(jpeg, 30_000, 30_000)) is None
+
+
+def test_sessions_of_a_map_that_is_joined_to_another_come_after_its_own(a_map):
+    first, second = a_map(2, 3), a_map(1, 2)
+    joined = Places(0)
+    joined.take(first.places.columns, 0)
+    joined.take(second.places.columns, 2)
+    assert [place.session for place in joined] == [0, 0, 1, 1, 1, 2, 3, 3]
+    assert joined.bounds.starts.tolist() == [0, 2, 5, 6]
 
 
 SECOND = 10**9

@@ -68,6 +68,11 @@ def test_the_longest_and_the_shortest_chosen_length_are_kept():
     assert length(frames(30), [0] * 30, SequenceConfig(min_length=5)) == 5
 
 
+def test_while_the_outermost_frame_overlaps_the_anchor_more_frames_are_awaited():
+    assert length(frames(4), [1] * 4) is None
+    assert length(frames(4), [1, 1, 1, 0.5]) == 4
+
+
 def test_uninformative_frames_are_passed_over():
     mixed = [frame(), frame(0.0, informative=False), frame(), frame()]
     assert length(mixed, [1, 0.0, 0.5, 1]) == 3

@@ -185,6 +185,9 @@ def test_a_tenth_of_a_place_goes_on_from_its_looks(a_map):
     belief = sure_of(Belief(whole, Driven(), UsualLead()), 45)
     belief.predict(46, 46)  # looks that may not be matched get nothing; those before do
     assert masses(belief, 60)[0][[one + 1 for one in looks]].sum() == pytest.approx(0.1, rel=0.01)
+    belief = sure_of(Belief(whole, Driven(), UsualLead()), 10)
+    belief.predict(45, 45)  # 45 is the first that may not be matched
+    assert masses(belief, 60)[0][11] == pytest.approx(1, abs=2e-3)
 
 
 def test_a_belief_that_is_denied_goes_elsewhere_step_by_step(a_map):

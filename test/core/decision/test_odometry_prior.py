@@ -48,6 +48,19 @@ def test_the_drift_is_two_sigmas_beyond_what_a_match_may_be_off(street):
     assert prior.implausible_m(200 + slack + 11, NONE) == pytest.approx(1)
 
 
+def test_turns_since_a_match_add_to_the_drift_and_those_before_it_do_not(street):
+    config = RobotConfig(odometry_way_error=0.1, odometry_turn_error=0.05)
+    prior = OdometryPrior(street, config, False)
+    for yaw in (0, 2, 0):
+        prior.move(0, at(0, yaw=yaw))
+    prior.fix(100)
+    prior.move(1, at(20))
+    left_m = 500 - 2 * SLACK.places
+    assert prior.implausible_m(620, NONE) == pytest.approx(left_m - 0.1 * 20)
+    prior.move(2, at(20, yaw=1))
+    assert prior.implausible_m(620, NONE) == pytest.approx(left_m - (0.1 + 0.05 * 1) * 20)
+
+
 def test_a_place_of_this_drive_is_where_odometry_was_then(a_map):
     whole = a_map(200, 40, step_m=1.0)  # the second session is this drive, a metre a second
     prior = OdometryPrior(whole, TENTH, True)
