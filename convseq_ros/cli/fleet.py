@@ -116,7 +116,9 @@ def _build(chosen: argparse.Namespace) -> int:
                     for warning in warnings:
                         warn(warning)
         finally:
-            _clean(jobs)
+            for _, path, *_ in jobs.values():
+                with suppress(MapError), MapLock(path):  # which deletes what killed workers left
+                    pass
     for name, why in failed.items():
         print(f'convseq fleet: {name}: {why.removeprefix(f"{name}: ")}', file=sys.stderr)
     seconds = time.monotonic() - started
@@ -163,13 +165,6 @@ def _maps(folder: Path, output: Path) -> dict[Path, Path]:
 def _opened(path: Path, config: Config) -> MapReader:
     completed = with_first_stage(config, open_model(config))
     return MapReader(path, completed.encoding, config.keyframes)
-
-
-def _clean(jobs: dict[str, Job]) -> None:
-    """Delete files that killed workers left beside the maps."""
-    for _, path, *_ in jobs.values():
-        with suppress(MapError), MapLock(path):
-            pass
 
 
 def _replay(chosen: argparse.Namespace) -> int:

@@ -86,7 +86,8 @@ def run(chosen: argparse.Namespace) -> int:
             print(f'{name.replace("_", " "):12} {_readable(name, fact)}')
         print(in_short(facts))
     if chosen.picture:
-        print(f'{chosen.picture}: drawn {draw_map(chosen.picture, opened)}', file=sys.stderr)
+        draw_map(chosen.picture, opened)
+        print(f'{chosen.picture}: drawn', file=sys.stderr)
     return 0
 
 

@@ -106,14 +106,15 @@ def replay_chosen(
     poses = list[tuple[int, Pose]]()
     report = ReplayReport(len(source)) if getattr(chosen, 'report', None) else None
     with opened(chosen.output) as write:
-        listeners: list[Listener] = [write, partial(_keep_pose, poses)]
-        listeners += [report.add] if report else []
 
         def listen(*answer: Any) -> None:
-            for listener in listeners:
-                listener(*answer)
+            write(*answer)
+            if report:
+                report.add(*answer)
 
         for match, duration_ms in replay(source, cameras, listen):
+            if match.pose:
+                poses.append((match.query_stamp_ns, match.pose.pose))
             matches.append(match)
             durations.append(duration_ms)
             after_frame()
@@ -130,12 +131,6 @@ def replay_chosen(
     if (loaded := first.reference_map).unreadable:
         warn(f'{name}: {loaded.unreadable} kept images cannot be used; {loaded.unreadable_why}')
     return summarize(matches, durations)
-
-
-def _keep_pose(poses: list[tuple[int, Pose]], _frame: Frame, match: Match, *_: object) -> None:
-    """Add the pose of an accepted frame in the map to a trajectory."""
-    if match.pose:
-        poses.append((match.query_stamp_ns, match.pose.pose))
 
 
 def in_words(summary: dict[str, Any], slow: str) -> str:

@@ -58,7 +58,9 @@ def messages(
 def _opened(path: Path, reading: ReadingConfig) -> Iterator[sqlite3.Connection]:
     """Open a file read-only; refuse computed tables, and more content than its size allows."""
     with inflated_file(path, reading) as inflated, _with_log(inflated) as plain:
-        size = _checked_size(plain)
+        size, expected = plain.stat().st_size, _declared_size(plain)
+        if size < expected:  # SQLite would read zeros
+            raise SourceError(f'cut short, {size} of {expected} bytes are there')
         uri = f'{plain.absolute().as_uri()}?immutable=1'
         with closing(sqlite3.connect(uri, uri=True)) as database:
             steps_left = [_STEPS_FREE + _STEPS_A_BYTE * size]
@@ -98,14 +100,6 @@ def _with_log(path: Path) -> Iterator[Path]:
             if is_cut and database.execute('PRAGMA quick_check(1)').fetchone() != ('ok',):
                 raise SourceError('cut short, and its -wal file does not hold the rest')
         yield copy
-
-
-def _checked_size(path: Path) -> int:
-    """Return a database's size in bytes; SourceError if cut: SQLite would read zeros."""
-    size, expected = path.stat().st_size, _declared_size(path)
-    if size < expected:
-        raise SourceError(f'cut short, {size} of {expected} bytes are there')
-    return size
 
 
 def _declared_size(path: Path) -> int:

@@ -51,15 +51,12 @@ def one_of_each_camera(topics: Iterable[str]) -> list[str]:
         name = topic.removesuffix(COMPRESSED)
         camera = name.rpartition('/')[0] if _last(topic) in _USUAL else name
         cameras.setdefault(camera, []).append(topic)
-    return [min(forms, key=_form) for forms in cameras.values()]
+    order = {name: at for at, name in enumerate(_USUAL)}
+    return [min(it, key=lambda topic: order.get(_last(topic), 0)) for it in cameras.values()]
 
 
 def _last(topic: str) -> str:
     return topic.removesuffix(COMPRESSED).rpartition('/')[2]
-
-
-def _form(topic: str) -> int:
-    return _USUAL.index(_last(topic)) if _last(topic) in _USUAL else 0
 
 
 def camera_info_beside(image: str) -> str:

@@ -5,9 +5,8 @@
 import json
 
 from convseq_ros.cli import main
-from convseq_ros.cli.map_picture import laid_out
 from convseq_ros.core.map import edit
-from convseq_ros.core.map.edit import relinked, unlink
+from convseq_ros.core.map.edit import relinked
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -111,23 +110,9 @@ def test_a_merged_map_keeps_eight_looks_of_a_place_unless_all_are_asked_for(tmp_
         assert len(open_map(merged)) == kept * ROUND
 
 
-def test_info_counts_places_and_draws_them_by_their_links(path, tmp_path, capsys):
+def test_info_counts_places_and_draws_no_map_without_poses(path, tmp_path, capsys):
     pytest.importorskip('matplotlib')
-    picture = tmp_path / 'map.svg'
-    assert main(['info', str(path), '--picture', str(picture)]) == 0
+    assert main(['info', str(path), '--picture', str(tmp_path / 'map.svg')]) == 1
     said = capsys.readouterr()
     assert '96 keyframes, 32 places, each passed 3.0 times; 64 links, 64 between' in said.out
-    assert 'laid out by its links' in said.err and picture.stat().st_size > 5_000
-
-
-def test_a_layout_keeps_distances_along_a_drive_and_brings_looks_together(path):
-    whole = open_map(path)
-    points = laid_out(whole)
-    for at in range(ROUND):
-        near = [np.linalg.norm(points[at] - points[at + off]) for off in (ROUND, 2 * ROUND)]
-        assert max(near) < 1.0
-    long = np.linalg.norm(points[0] - points[ROUND - 1])
-    assert long == pytest.approx(ROUND - 1, rel=0.05)
-    unlink(path)
-    apart = laid_out(open_map(path))  # three drives that share nothing lie side by side
-    assert len({tuple(point.round(3)) for point in apart.values()}) == 3 * ROUND
+    assert 'map.svg: the map has no poses to draw it by; build it with --odom' in said.err
