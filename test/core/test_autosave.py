@@ -131,7 +131,9 @@ def test_a_full_disk_is_reported_once_and_the_rest_is_written_when_there_is_room
 
 
 def test_a_second_writer_is_refused_at_the_start_and_the_first_loses_nothing(path):
+    count = len(os.listdir('/proc/self/fd'))
     save_map(drawn(3), path)
+    assert len(os.listdir('/proc/self/fd')) == count
     first, count = own(path), len(os.listdir('/proc/self/fd'))
     for another in (lambda: own(path), lambda: save_map(drawn(1), path)):
         with pytest.raises(MapError, match=r'map.db: another program adds to this map; end it'):

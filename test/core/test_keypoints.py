@@ -8,6 +8,7 @@ import sqlite3
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config, with_values
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
+from convseq_ros.core.decision.usual_lead import UsualLead
 from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.keypoints import agreeing_blocks, detect, Keypoints, matched, NONE
@@ -334,6 +335,17 @@ def test_without_keypoints_cells_decide_alone_and_nothing_else_changes():
         assert np.array_equal(one.packed, other.packed) and one.thumbnail == other.thumbnail
     for one, other in zip(matches[3:], others[3:], strict=True):
         assert one.accepted.reference_index == other.accepted.reference_index
+
+
+def test_usual_leads_are_learned_from_matches_about_which_keypoints_were_asked(monkeypatch):
+    learned = []  # of each match: whether its place is of the running drive
+    monkeypatch.setattr(
+        UsualLead, 'learn', lambda _self, _states, current: learned.append(current)
+    )
+    answers({'keypoints': 0})
+    assert not learned
+    _, matches = answers({})
+    assert {*learned} == {False} and len(learned) < sum(bool(one.accepted) for one in matches)
 
 
 @pytest.mark.parametrize(('until', 'found'), [(0, False), (12, True)])

@@ -9,6 +9,7 @@ import sqlite3
 
 from convseq_ros.config import KeyframeConfig
 from convseq_ros.core.map import reader
+from convseq_ros.core.map.database import Database
 from convseq_ros.core.map.format import FORMAT_VERSION, is_map_or_empty
 from convseq_ros.core.map.place import pack_cells, Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader, open_map
@@ -83,6 +84,17 @@ def test_a_map_is_whole_however_many_rows_are_read_at_once(map_path, monkeypatch
         monkeypatch.setattr(reader, '_ROWS_AT_ONCE', count)
         assert same(open_map(map_path), make())
         assert MapReader(map_path).about()['thumbnails'] == 4
+
+
+def test_a_change_of_a_file_that_is_broken_off_changes_nothing(map_path):
+    def change_half():
+        with closing(Database(map_path, 'rw')) as database, database.transaction('IMMEDIATE'):
+            database.rows('DELETE FROM places')
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        change_half()
+    assert same(open_map(map_path), make())
 
 
 def test_a_map_knows_how_far_apart_its_places_are(tmp_path):

@@ -49,15 +49,19 @@ def map_of(third_places, keyframes):
 
 @pytest.fixture(scope='module')
 def drive(image):
-    """Return a way to show places, one a step; None is a frame that never comes."""
+    """
+    Return a way to show places, one a step; None is a frame that never comes.
 
-    def show(recognizer, places, start_ns=0, seed=1, odometry=False):
+    `odometry` is where place 0 is in the frame of odometry, if there is any.
+    """
+
+    def show(recognizer, places, start_ns=0, seed=1, odometry=None):
         return [
             recognizer.process(
                 Frame(
                     start_ns + index * STEP_NS,
                     image(place, seed),
-                    pose=at(place) if odometry else None,
+                    pose=None if odometry is None else at(place + odometry),
                 )
             )
             for index, place in enumerate(places)
@@ -71,7 +75,7 @@ def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, dri
     recognizer = PlaceRecognizer(map_of(third_places, BY_WAY), OWN)
     slowly = np.repeat(np.arange(30, 48), 2).tolist()
     places = [*slowly, *range(48, 60), *range(60, 88, 3)]
-    matches = drive(recognizer, places, odometry=True)
+    matches = drive(recognizer, places, odometry=0)
     asked = [match for match in matches if match.reason is not Reason.BETWEEN_KEYFRAMES]
     assert [match.best.reference_index for match in asked[4:]] == [*range(14, 30)]
     assert all(match.accepted for match in asked[-6:])
@@ -81,8 +85,8 @@ def test_after_a_clock_jump_the_first_frame_is_a_keyframe_and_was_looked_at(driv
     grown = ReferenceMap(SMALL, keyframes=BY_WAY)
     config = replace(ONLINE, keyframes=BY_WAY)
     recognizer = PlaceRecognizer(grown, config)
-    drive(recognizer, range(7), start_ns=10**12, odometry=True)
-    drive(recognizer, range(6, 12), odometry=True)
+    drive(recognizer, range(7), start_ns=10**12, odometry=0)
+    drive(recognizer, range(6, 12), odometry=0)
     assert recognizer.resets == 1 and recognizer.mapping.session_start == 3
     assert [int(place.pose.position[0]) for place in grown.places] == [0, 3, 6, 6, 9]
     assert all(grown.cells(index).any() for index in range(5))
@@ -108,7 +112,7 @@ MAPPED = 60
 def reference_map(image):
     made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
     for place in range(MAPPED):
-        made.add(Place(place), pack_cells(describe(image(place), SMALL).cells))
+        made.add(Place(place, pose=at(place)), pack_cells(describe(image(place), SMALL).cells))
     return made
 
 
@@ -170,10 +174,10 @@ def test_the_shift_is_given_in_cells_in_pixels_and_as_a_turn(reference_map, imag
 def test_after_a_reset_answers_are_those_of_a_fresh_start(reference_map, drive, matching, search):
     config = with_values(OWN, {'matching': matching, 'search': search})
     used, fresh = (PlaceRecognizer(reference_map, config) for _ in range(2))
-    drive(used, range(40, 60), seed=7)
+    drive(used, range(40, 60), seed=7, odometry=0)
     used.reset()
-    again = drive(used, range(5, 35), start_ns=100 * STEP_NS)
-    first = drive(fresh, range(5, 35), start_ns=100 * STEP_NS)
+    anew = {'start_ns': 100 * STEP_NS, 'odometry': 500}  # it begins at other coordinates
+    again, first = (drive(one, range(5, 35), **anew) for one in (used, fresh))
     assert [replace(match, query_index=0) for match in again] == [
         replace(match, query_index=0) for match in first
     ]

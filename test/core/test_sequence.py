@@ -188,6 +188,32 @@ def test_frames_can_be_compared_by_the_regions_of_the_newest():
     assert np.isnan(shared.frames[2].row).all() and not np.isnan(buffer.frames[2].row).any()
 
 
+def test_frames_that_never_came_hold_their_places_and_more_than_five_empty_the_buffer():
+    _, buffer = filled(drawn(0, 2))
+    buffer.add_empty(5, NOTHING, 10)
+    append(buffer)
+    assert [row is None for row in buffer.rows] == [False, *[True] * 5, False, False]
+    buffer.add_empty(6, NOTHING, 10)
+    assert len(buffer) == 0
+
+
+@pytest.mark.parametrize(
+    ('first', 'second', 'expected'),
+    [((4, 3), (4, 3), 0), ((4, 3), (5, 0), 0.4), ((3, 4), (5, 0), 0.8), ((0, 5), (5, 0), 1)]
+    + [((0, 0), (5, 0), 1), ((-5, 0), (5, 0), 1)],  # nothing, and the opposite
+)
+def test_an_image_is_new_as_far_as_its_cosine_with_the_last_falls_to_a_half(
+    first, second, expected
+):
+    rows = [np.array([one], np.int8) for one in (second, first)]
+    features = [SimpleNamespace(packed=SimpleNamespace(rows=one)) for one in rows]
+    buffer = QueryBuffer(SimpleNamespace(extract=lambda _: features.pop()))
+    append(buffer)
+    assert buffer.novelty == 1
+    append(buffer)
+    assert buffer.novelty == pytest.approx(expected)
+
+
 def drawn(seed, frames=1):
     return np.random.default_rng(seed).normal(0.1, 0.01, (frames, REFERENCES)).astype(np.float32)
 

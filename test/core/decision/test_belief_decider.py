@@ -105,6 +105,16 @@ def test_an_accepted_match_tells_all_that_is_known(street, drive, config):
         assert match.localization.quality == match.confidence
 
 
+def test_after_the_first_match_frames_are_compared_with_fewer_places(street, drive):
+    matches = drive(PlaceRecognizer(street, OWN), range(10, 20))
+    first = next(index for index, match in enumerate(matches) if match.accepted)
+    before, after = (
+        [match.pairs_scored for match in some]
+        for some in (matches[: first + 1], matches[first + 1 :])
+    )
+    assert min(before) > max(after) > 0, (before, after)
+
+
 @both_searches
 @pytest.mark.parametrize(('here', 'there'), [(10, 40), (40, 5), (20, 33)])
 def test_from_the_fourth_keyframe_after_a_jump_nothing_of_the_old_place(
@@ -150,6 +160,16 @@ def test_frames_that_show_nothing_do_not_break_a_drive(street, drive):
     matches = drive(PlaceRecognizer(street, OWN), places)
     assert [match.status for match in matches[18:20]] == [Status.SKIPPED] * 2
     assert accepted(matches[22:]) == [*range(32, 40)]
+
+
+@pytest.mark.parametrize(('missing', 'is_known'), [(5, True), (6, False)])
+def test_after_more_than_five_frames_that_never_came_the_drive_begins_anew(
+    street, drive, missing, is_known
+):
+    recognizer = PlaceRecognizer(street, RESTLESS)
+    drive(recognizer, range(10, 25))
+    (match,) = drive(recognizer, [25 + missing], start=15 + missing)
+    assert bool(match.accepted) is is_known
 
 
 def test_the_same_frame_again_and_again_is_never_another_place(street, drive):
