@@ -199,8 +199,14 @@ def test_frames_that_never_came_hold_their_places_and_more_than_five_empty_the_b
 
 @pytest.mark.parametrize(
     ('first', 'second', 'expected'),
-    [((4, 3), (4, 3), 0), ((4, 3), (5, 0), 0.4), ((3, 4), (5, 0), 0.8), ((0, 5), (5, 0), 1)]
-    + [((0, 0), (5, 0), 1), ((-5, 0), (5, 0), 1)],  # nothing, and the opposite
+    [
+        ((4, 3), (4, 3), 0),
+        ((4, 3), (5, 0), 0.4),
+        ((3, 4), (5, 0), 0.8),
+        ((0, 5), (5, 0), 1),
+        ((-5, 0), (5, 0), 1),
+        ((0, 0), (5, 0), 1),
+    ],
 )
 def test_an_image_is_new_as_far_as_its_cosine_with_the_last_falls_to_a_half(
     first, second, expected
