@@ -12,7 +12,7 @@
 # make wheel             what is released, into dist: wheels for x86-64 and ARM, and the sdist
 # make board              measure a robot's board in some minutes, write board.json to send
 # make test-aarch64       kernel tests and 30 frames on an emulated ARM; needs Debian and root
-# make torture [HOURS=24] [ATTACKS='map_kills ...']   attack it, write docs/RELIABILITY.md
+# make torture [HOURS=24] [ATTACKS='map_kills ...']   attack it: docs/RELIABILITY.md
 # Needs git, make and python3 with venv; everything else goes to .venv and .venv-noble.
 
 PYTHON ?= python3
@@ -90,7 +90,7 @@ board: .venv/board.stamp
 	@echo 'Thank you: please attach board.json to an issue.'
 
 torture: .venv/test.stamp
-	.venv/bin/python -m bench.torture $(ATTACKS) $(if $(HOURS),--hours $(HOURS)) --docs docs
+	.venv/bin/python -m bench.torture $(ATTACKS) $(if $(HOURS),--hours $(HOURS))
 
 # Side by side, so that no core waits; each one's output is shown whole when it ends.
 test: .venv/test.stamp .venv-noble/test.stamp

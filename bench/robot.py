@@ -110,11 +110,11 @@ def robot(
     """
     Start a node with these parameters, and end it with the block; its log is vpr_node.log.
 
-    `surroundings` are added to its environment. It runs on `cores`, or on all. With `waits`, it is
-    ready when the block begins.
+    `surroundings` are added to its environment, those that are empty are taken from it. It runs on
+    `cores`, or on all. With `waits`, it is ready when the block begins.
     """
     os.environ.update(environment(folder))
-    variables = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
+    variables = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)} | dict(surroundings or {})
     command = [sys.executable, '-m', 'convseq_ros.node', '--ros-args']
     for name, value in parameters.items():
         command += ['-p', f'{name}:={str(value).lower() if value in (True, False) else value}']
@@ -123,7 +123,7 @@ def robot(
     with (folder / 'vpr_node.log').open('ab') as log:
         process = subprocess.Popen(
             command,
-            env=variables | dict(surroundings or {}),
+            env={name: value for name, value in variables.items() if value},
             cwd=folder,
             stdout=log,
             stderr=subprocess.STDOUT,

@@ -32,7 +32,6 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.robot import image, Robot, robot, unaccounted
-from bench.torture.page import keep_soak
 
 _TOWN = Route(((0, 0), (100, 0), (100, 80), (0, 80), (0, 0)), seed=5)
 _PERIOD_NS = 100_000_000  # between two frames of the drive, at any rate: a camera of 10 Hz
@@ -65,8 +64,7 @@ class Sample(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Drive, write the samples, and return the exit code."""
-    given = sys.argv[1:] if arguments is None else arguments
-    chosen = _parser().parse_args(given)
+    chosen = _parser().parse_args(arguments)
     print(f'soak: drawing {chosen.lap} frames of a town', file=sys.stderr, flush=True)
     lap = _lap(chosen.lap, chosen.width_px)
     stem = f'soak_{chosen.mode}_{f"{chosen.rate:g}_hz" if chosen.rate else "fast"}'
@@ -91,9 +89,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     _picture(samples, text, chosen.output / f'{stem}.png')
     print(text)
-    if chosen.docs:
-        keep_soak(chosen.docs, stem, ' '.join(given), text)
-        _picture(samples, text, chosen.docs / 'images' / f'{stem}.png')
     return int(last.unaccounted != 0 or last.failed > 0 or percent_an_hour > _MOST_GROWTH)
 
 
@@ -219,7 +214,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--image-size-px', type=int, default=512, help='as the parameter (512)')
     parser.add_argument('--keyframe-overlap', type=float, default=0.75, help='as the parameter')
     parser.add_argument('--sample-s', type=float, default=_SAMPLE_S, help='between samples (5)')
-    parser.add_argument('--docs', type=Path, help='write RELIABILITY.md and its JSON there')
     parser.add_argument('--output', type=Path, default=Path('soak'), help='folder to write (soak)')
     return parser
 

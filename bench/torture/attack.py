@@ -1,102 +1,94 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Attacks, what they have in common, and how a portion of one is carried out."""
+"""Carries out attacks, each in a process of its own; docs/RELIABILITY.md says what they do."""
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 import importlib
 import json
 from pathlib import Path
 import subprocess
 import sys
-import time
+import tempfile
 from typing import NamedTuple
 
+from bench.torture.disk import environment
+
 _REPOSITORY = Path(__file__).resolve().parents[2]
-_MODULES = 'damage', 'disk_attacks', 'fuzz', 'hostile_maps', 'kills', 'messages', 'odd_words'
+
+
+class Attack(NamedTuple):
+    """
+    A function of a module of this folder, both by name.
+
+    It makes a number of tries with a seed in an empty folder; a seed always gives the same ones.
+    """
+
+    module: str
+    portion: int  # tries with one seed; of `fuzz`, for each decoder
+    needs_disk: bool = False  # whether disk.c is loaded
 
 
 class Try(NamedTuple):
-    """One try: a name that allows to repeat it, and the problem, empty if there was none."""
+    """One try, or several of which the last may have a problem."""
 
-    name: str
+    name: str  # that allows to repeat it
     problem: str = ''
+    count: int = 1
 
 
-@dataclass(frozen=True, slots=True)
-class Attack:
-    """What is tried, and what must hold; a module of this folder has some in its `ATTACKS`."""
-
-    about: str
-    oracle: str  # the condition after every try
-    count: int  # tries of `make torture`
-    portion: int  # tries with one seed
-    short: int  # tries of the tests
-    # Makes a count of tries with a seed in an empty folder; a seed always gives the same ones.
-    run: Callable[[int, int, Path], Iterator[Try]]
-    # The environment of a process that makes the tries; None if this one does.
-    surroundings: Callable[[Path], dict[str, str]] | None = None
+ATTACKS = {
+    'fuzz': Attack('fuzz', 20_000),
+    'hostile_maps': Attack('hostile_maps', 100),
+    'images': Attack('messages', 500),
+    'log_damage': Attack('damage', 500),
+    'map_damage': Attack('damage', 500),
+    'map_kills': Attack('kills', 50),
+    'map_power': Attack('disk_attacks', 200, needs_disk=True),
+    'map_writes': Attack('disk_attacks', 100, needs_disk=True),
+    'node_messages': Attack('messages', 20),
+    'odd_words': Attack('odd_words', 50),
+    'recording_damage': Attack('damage', 500),
+    'services': Attack('messages', 200),
+}
 
 
 @dataclass(slots=True)
 class Outcome:
-    """The results of an attack so far; completed portions have the seeds from `seed` on."""
+    """The results of an attack so far."""
 
     attack: str
-    seed: int
-    portions: int = 0
-    asked: int = 0  # requested tries, per decoder if there are several
+    next_seed: int
     tries: int = 0
-    survived: int = 0
-    seconds: float = 0.0
     problems: list[str] = field(default_factory=list)
-    code: list[str] = field(default_factory=list)  # commits that were attacked
+
+    def __str__(self) -> str:
+        survived = f'{self.tries - len(self.problems):,} of {self.tries:,}'
+        return f'{self.attack}: {survived}, to seed {self.next_seed - 1}'
 
 
-def attacks() -> dict[str, Attack]:
-    """Return every attack, by name."""
-    modules = (importlib.import_module(f'bench.torture.{name}') for name in _MODULES)
-    return dict(sorted(item for module in modules for item in module.ATTACKS.items()))
-
-
-def carry_out(count: int, outcome: Outcome, folder: Path) -> None:
-    """Make `count` tries with the next seed in a folder, and add them to the outcome."""
-    name, seed = outcome.attack, outcome.seed + outcome.portions
-    attack = attacks()[name]
-    started_s = time.monotonic()
-    make = attack.run if attack.surroundings is None else _elsewhere(name, attack.surroundings)
-    for attempt in make(count, seed, folder):
-        outcome.tries += 1
-        outcome.survived += not attempt.problem
-        if attempt.problem:
-            text = f'seed {seed}, {attempt.name}: {attempt.problem}'
-            outcome.problems.append(text.replace(f'{_REPOSITORY}/', ''))
-    outcome.portions += 1
-    outcome.asked += count
-    outcome.seconds = round(outcome.seconds + time.monotonic() - started_s, 1)
-
-
-def _elsewhere(
-    name: str, surroundings: Callable[[Path], dict[str, str]]
-) -> Callable[[int, int, Path], Iterator[Try]]:
-    """Return a run that makes the tries in another process."""
-
-    def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
-        command = [sys.executable, '-m', __spec__.name, name, str(count), str(seed), str(folder)]
-        own = surroundings(folder)
+def carry_out(outcome: Outcome, count: int | None = None) -> None:
+    """Make a portion of tries, or a count, with the next seed, in another process."""
+    name, seed = outcome.attack, outcome.next_seed
+    words = name, str(count or ATTACKS[name].portion), str(seed)
+    outcome.next_seed += 1
+    with tempfile.TemporaryDirectory(prefix='convseq_torture_') as folder:
+        command = [sys.executable, '-m', __spec__.name, *words, folder]
+        own = environment(Path(folder)) if ATTACKS[name].needs_disk else None
         with subprocess.Popen(command, env=own, stdout=subprocess.PIPE, text=True) as process:
             assert process.stdout
             for line in process.stdout:
-                yield Try(*json.loads(line))
+                attempt = Try(*json.loads(line.replace(f'{_REPOSITORY}/', '')))
+                outcome.tries += attempt.count
+                if attempt.problem:
+                    outcome.problems.append(f'seed {seed}, {attempt.name}: {attempt.problem}')
         if process.returncode:
-            yield Try('all', f'ended with {process.returncode}')
-
-    return run
+            outcome.problems.append(f'seed {seed}: ended with {process.returncode}')
 
 
 def print_tries(name: str, count: str, seed: str, folder: str) -> None:
     """Make tries, and print each as a line of JSON."""
-    for attempt in attacks()[name].run(int(count), int(seed), Path(folder)):
+    module = importlib.import_module(f'bench.torture.{ATTACKS[name].module}')
+    for attempt in getattr(module, name)(int(count), int(seed), Path(folder)):
         print(json.dumps(attempt), flush=True)
 
 

@@ -1,15 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulates a disk that fails at the n-th changing call, with a preloaded C library."""
+"""A disk that fails, by a preloaded C library, and what a kill or a power cut leaves on it."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 import ctypes
-from dataclasses import dataclass, field
-from enum import IntEnum
+from dataclasses import dataclass, replace
 import functools
 import itertools
-import mmap
 import os
 from pathlib import Path
 import random
@@ -18,33 +15,7 @@ import struct
 import subprocess
 
 _SECTOR = 512
-_HEAD = struct.Struct('<6q')
-
-
-class How(IntEnum):
-    """The effect at the n-th call; the numbers are those of disk.c."""
-
-    COUNT = 0  # nothing
-    KILL = 1  # the process ends before it
-    TEAR = 2  # the process ends after half of the write
-    FULL = 3  # it fails, and all later calls that need space: the disk is full
-    FAIL = 4  # only this call fails: a disk error
-
-
-class Acknowledged:
-    """A number in shared memory, which survives a killed child; -1 at first."""
-
-    def __init__(self) -> None:
-        self.shared = mmap.mmap(-1, 8)
-        self.value = -1
-
-    @property
-    def value(self) -> int:
-        return int.from_bytes(self.shared[:], 'little', signed=True)
-
-    @value.setter
-    def value(self, number: int) -> None:
-        self.shared[:] = number.to_bytes(8, 'little', signed=True)
+_HEAD = struct.Struct('<5q')
 
 
 def compiler() -> str | None:
@@ -65,38 +36,34 @@ def _library() -> ctypes.CDLL:
     return ctypes.CDLL(os.environ['LD_PRELOAD'])
 
 
-def arm(call: int, how: How) -> None:
-    """Set the effect at the n-th call from now on, counted from 1."""
-    _library().disk_arm(ctypes.c_long(call), int(how))
+def arm(record: Path, call: int, is_full: bool) -> None:
+    """Record every call from now on; the n-th fails, or all from then on that need space."""
+    file = os.open(record, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    _library().disk_arm(file, ctypes.c_long(call), ctypes.c_long(is_full))
 
 
-def calls() -> int:
-    """Return the number of calls since `arm`."""
-    return int(_library().disk_calls())
+def heal() -> None:
+    """Let no call fail from now on."""
+    _library().disk_heal()
 
 
-@contextmanager
-def recorded(path: Path, number: Acknowledged) -> Iterator[None]:
-    """Record every changing call in a file, together with the number."""
-    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-    watched = ctypes.c_int64.from_buffer(number.shared)
-    arm(0, How.COUNT)
-    _library().disk_record(file, ctypes.byref(watched))
-    try:
-        yield
-    finally:
-        _library().disk_record(-1, None)
-        os.close(file)
+def acknowledge(number: int) -> None:
+    """Record that so much must be there from now on."""
+    _library().disk_acknowledge(ctypes.c_long(number))
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A call that changed the disk; `data` is bytes or a second name."""
+    """
+    A call that changed the disk; `data` is bytes or a second name.
+
+    It is a write, truncation, sync, opening of a new file, new folder, unlinking or renaming, by
+    its first letter; 'f' is one that failed, and 'a' acknowledges the number `at`.
+    """
 
     what: str
     file: int
     at: int
-    acknowledged: int
     name: str
     data: bytes
 
@@ -105,81 +72,87 @@ def recorded_calls(record: Path) -> Iterator[Call]:
     """Yield the calls of a record; file numbers that are reused become unique."""
     data, at, renumbered, fresh = record.read_bytes(), 0, dict[int, int](), itertools.count(-2, -1)
     while at < len(data):
-        what, file, where, acknowledged, named, size = _HEAD.unpack_from(data, at)
+        what, file, where, named, size = _HEAD.unpack_from(data, at)
         at += _HEAD.size
         name, content = data[at : at + named], data[at + named : at + named + size]
         at += named + size
         if chr(what) == 'o':
             renumbered[file] = next(fresh)
         number = renumbered.get(file, file)
-        yield Call(chr(what), number, where, acknowledged, name.decode(), content)
+        yield Call(chr(what), number, where, name.decode(), content)
 
 
-@dataclass(slots=True)
+def acknowledged(calls: list[Call]) -> int:
+    """Return the number that was acknowledged last, or -1."""
+    return next((call.at for call in reversed(calls) if call.what == 'a'), -1)
+
+
 class Disk:
-    """The synced content of a disk, and the pending calls."""
+    """The synced content of a disk, at first the files of a folder, and the pending calls."""
 
-    names: dict[str, int]  # folders are -1
-    files: dict[int, bytearray]
-    folders: dict[int, str]
-    late_names: list[Call] = field(default_factory=list)
-    late: dict[int, list[Call]] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, folder: Path) -> 'Disk':
-        """Return a disk with the files of a folder."""
-        numbers = {str(one): one.stat().st_ino for one in folder.iterdir()}
-        files = {number: bytearray(Path(name).read_bytes()) for name, number in numbers.items()}
-        return cls(numbers, files, {folder.stat().st_ino: str(folder)})
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder.stat().st_ino
+        self._names = {str(one): one.stat().st_ino for one in folder.iterdir()}  # folders are -1
+        self._files = {
+            number: bytearray(Path(name).read_bytes()) for name, number in self._names.items()
+        }
+        self._late = dict[int, list[Call]]()  # of the file; names are of the folder
 
     def see(self, call: Call) -> None:
         """Add a call."""
-        if call.what in 'wt':
-            self.late.setdefault(call.file, []).append(call)
-        elif call.what != 's':
-            self.late_names.append(call)
-        elif call.file in self.folders:
-            for one in self.late_names:
-                self._rename(one)
-            self.late_names.clear()
-        else:
-            for one in self.late.pop(call.file, []):
-                self._write(one)
+        if call.what == 's':
+            for one in self._late.pop(call.file, []):
+                self._do(one)
+        elif call.what not in 'af':
+            owner = call.file if call.what in 'wt' else self._folder
+            self._late.setdefault(owner, []).append(call)
+
+    def kill(self) -> None:
+        """End the process, so that all calls count."""
+        for pending in self._late.values():
+            for one in pending:
+                self._do(one)
 
     def cut(self, draw: random.Random) -> None:
-        """Cut the power: apply a random selection of the pending calls."""
-        for one in self.late_names[: draw.randint(0, len(self.late_names))]:
-            self._rename(one)
-        for pending in self.late.values():
+        """Cut the power: of the pending calls, a random selection counts."""
+        names = self._late.pop(self._folder, [])
+        for one in names[: draw.randint(0, len(names))]:
+            self._do(one)
+        for pending in self._late.values():
             chance = draw.choice((0.0, 0.5, 0.9, 1.0))
-            for one in pending:
-                self._write(one, draw, chance)
+            for call in pending:
+                for one in _sectors(call):
+                    if draw.random() < chance:
+                        self._do(one)
 
     def restore(self) -> None:
         """Write the content to the real disk."""
-        for name, file in sorted(self.names.items()):
+        for name, file in sorted(self._names.items()):
             if file == -1:
                 Path(name).mkdir(0o700)  # as in `tempfile`
             elif Path(name).parent.exists():
-                Path(name).write_bytes(self.files.get(file, b''))
+                Path(name).write_bytes(self._files.get(file, b''))
 
-    def _rename(self, call: Call) -> None:
-        if call.what in 'om':
-            self.names[call.name] = call.file if call.what == 'o' else -1
-        elif call.what == 'u':
-            self.names.pop(call.name, None)
-        else:
-            self.names[call.data.decode()] = self.names.pop(call.name)
-
-    def _write(self, call: Call, draw: random.Random | None = None, chance: float = 1.0) -> None:
-        content = self.files.setdefault(call.file, bytearray())
-        if call.what == 't':
-            if not draw or draw.random() < chance:
+    def _do(self, call: Call) -> None:
+        content = self._files.setdefault(call.file, bytearray())
+        match call.what:
+            case 'o':
+                self._names[call.name] = call.file
+            case 'm':
+                self._names[call.name] = -1
+            case 'u':
+                self._names.pop(call.name, None)
+            case 'r':
+                self._names[call.data.decode()] = self._names.pop(call.name)
+            case 't':
                 del content[call.at :]
-            return
-        for start in range(0, len(call.data), _SECTOR):
-            if draw and draw.random() >= chance:
-                continue
-            piece, at = call.data[start : start + _SECTOR], call.at + start
-            content.extend(bytes(max(0, at - len(content))))
-            content[at : at + len(piece)] = piece
+            case 'w':
+                content.extend(bytes(max(0, call.at - len(content))))
+                content[call.at : call.at + len(call.data)] = call.data
+
+
+def _sectors(call: Call) -> Iterator[Call]:
+    """Yield what a call writes to each sector; another call is whole."""
+    for start in range(0, max(1, len(call.data)), _SECTOR):
+        data = call.data[start : start + _SECTOR]
+        yield replace(call, at=call.at + start, data=data)

@@ -1,125 +1,87 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Kills a node with a growing map: at its start, between frames, on a slow disk."""
+"""Kills a node with a growing map: at its start, and while frames come, also on a slow disk."""
 
 from collections.abc import Iterator
-import os
 from pathlib import Path
 import random
 import signal
-import subprocess
-import sys
 import time
 
-from convseq_ros.cli.processes import environment
 from convseq_ros.core.map.reader import open_map
 
 from bench.robot import greet, image, Robot, robot
 from bench.torture import corpus, disk
-from bench.torture.attack import Attack, Try
+from bench.torture.attack import Try
 
 _ENDS = signal.SIGINT, signal.SIGTERM
 _HOMES = 'HOME', 'ROS_HOME', 'ROS_LOG_DIR'
-_EARLIEST_S, _LATEST_S, _AT_START_S, _HANGS_S = 0.3, 3.0, 1.5, 20.0
+_TOLD = '[INFO]', 'warning: HOME is not set'
+_EARLIEST_S, _LATEST_S, _AT_START_S, _AGAIN_S = 0.3, 3.0, 1.5, 0.3
+_MOST_FRAMES, _PERIOD_S, _ANSWER_S = 40, 0.1, 1.0
 _WITH_FRAMES_S, _SLOW_S = 3.0, 15.0
-_SLOW_FRAMES, _PERIOD_S, _ANSWER_S, _TOLD_S = 40, 0.1, 1.0, 0.6
 
 
-def _run(count: int, seed: int, folder: Path) -> Iterator[Try]:
+def map_kills(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Start and kill a node repeatedly, mostly before it is ready."""
-    draw, held, path = random.Random(seed), 0, folder / 'map.db'
+    draw, held = random.Random(seed), 0
     for number in range(count):
-        when = draw.choices(('start', 'frames', 'slow disk'), (7, 2, 1))[0]
-        if when == 'start':
+        if draw.random() < 0.7:
             name, problem = _at_start(folder, draw)
-        elif when == 'frames':
-            name, problem, held = _with_frames(folder, path, held, number, draw)
         else:
-            name, problem = _on_slow_disk(folder, number, draw)
-        yield Try(f'{number} ({when}): {name}', problem)
+            name, problem, held = _with_frames(folder, held, number, draw)
+        yield Try(f'{number}: {name}', problem)
 
 
 def _at_start(folder: Path, draw: random.Random) -> tuple[str, str]:
+    """Kill a node that starts, once or twice; return what was done, and the problem."""
     which, after_s = draw.choice(_ENDS), draw.uniform(_EARLIEST_S, _LATEST_S)
-    again_s = draw.choice((None, draw.uniform(0.0, 0.3)))
-    name = f'{which.name} after {after_s:.3f} s' + (f', again after {again_s}' if again_s else '')
-    command = [sys.executable, '-m', 'convseq_ros.node', '--ros-args']
-    if draw.random() < 0.5:
-        command += ['-p', 'mode:=online', '-p', f'map_path:={folder / "start.db"}']
-    variables = environment(folder) | {'PYTHONPATH': os.pathsep.join(sys.path)}
-    if draw.random() < 0.2:
-        name += ', without HOME'
-        variables = {key: variables[key] for key in variables if key not in _HOMES}
-        variables['TMPDIR'] = str(folder)  # where logs go then
-    process = subprocess.Popen(
-        command,
-        env=variables,
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    time.sleep(after_s)
-    sent_s = time.monotonic()
-    process.send_signal(which)
-    if again_s is not None:
-        time.sleep(again_s)
-        process.send_signal(which)
-    try:
-        output, _ = process.communicate(timeout=_HANGS_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.communicate()
-        return name, f'did not end within {_HANGS_S:g} s'
-    took_s = time.monotonic() - sent_s
-    told = '[INFO]', 'warning: HOME is not set'
-    bad = [line for line in output.splitlines() if not any(one in line for one in told)]
-    if process.returncode or bad:
-        return name, f'exit {process.returncode}: {" | ".join(bad)[-300:]}'
-    return name, f'took {took_s:.2f} s' if took_s > _AT_START_S else ''
+    again_s = draw.choice((None, draw.uniform(0.0, _AGAIN_S)))
+    is_online, is_homeless = draw.random() < 0.5, draw.random() < 0.2
+    online = {'mode': 'online', 'map_path': folder / 'start.db'} if is_online else {}
+    homeless = {**dict.fromkeys(_HOMES, ''), 'TMPDIR': str(folder)} if is_homeless else {}
+    log = folder / 'vpr_node.log'
+    log.unlink(missing_ok=True)
+    with robot(folder, homeless, waits=False, **online) as one:
+        time.sleep(after_s)
+        one.process.send_signal(which)
+        if again_s is not None:
+            time.sleep(again_s)
+            one.process.send_signal(which)
+        problem = _ended(one, _AT_START_S)
+    said = log.read_text(encoding='utf-8', errors='replace').splitlines()
+    bad = [line for line in said if not any(one in line for one in _TOLD)]
+    name = f'{which.name} after {after_s:.3f} s, again after {again_s}, without HOME {is_homeless}'
+    return name, ' | '.join([problem, *bad])[:400] if problem or bad else ''
 
 
 def _with_frames(
-    folder: Path, path: Path, held: int, number: int, draw: random.Random
+    folder: Path, held: int, number: int, draw: random.Random
 ) -> tuple[str, str, int]:
-    which, frames = draw.choice(_ENDS), draw.randrange(40)
-    stamp_ns = 10**18 + number * 10**11
-    chosen = {'map_path': path, 'result_file': folder / 'result.csv'}
-    with robot(folder, mode='online', keyframe_overlap=1.0, image_size_px=256, **chosen) as one:
-        for index in range(frames):
-            stamp_ns += 10**8
-            one.camera.publish(image(corpus.gray(number * 40 + index), stamp_ns))
-            one.spin(draw.choice((0.0, 0.02)))
-        one.process.send_signal(which)
-        problem = _ended(one, _WITH_FRAMES_S)
-    places = len(open_map(path))
-    if places < held:
-        problem = f'{places} places, {held} before'
-    return f'{which.name} after {frames} frames', problem, places
-
-
-def _on_slow_disk(folder: Path, number: int, draw: random.Random) -> tuple[str, str]:
-    which, most_ms = draw.choice((signal.SIGTERM, signal.SIGKILL)), draw.choice((100, 300, 1000))
-    name, path = f'{which.name}, syncs of {most_ms} ms', folder / f'{number}.db'
+    """Kill a node while frames come; return also how many places its map holds then."""
+    which, frames = draw.choice((*_ENDS, signal.SIGKILL)), draw.randrange(_MOST_FRAMES)
+    most_ms, period_s = draw.choice((0, 0, 100, 300, 1000)), draw.choice((0.0, 0.02, _PERIOD_S))
+    name = f'{which.name} after {frames} frames, one in {period_s} s, syncs of {most_ms} ms'
     slow = {'LD_PRELOAD': disk.environment(folder)['LD_PRELOAD'], 'DISK_SLOW_MS': str(most_ms)}
-    chosen = {'mode': 'online', 'map_path': path, 'diagnostics_period_s': 0.2}
-    with robot(folder, slow, keyframe_overlap=1.0, image_size_px=256, **chosen) as one:
+    files = {'map_path': folder / 'map.db', 'result_file': folder / 'result.csv'}
+    chosen = {'mode': 'online', 'diagnostics_period_s': 0.2, 'image_size_px': 256}
+    with robot(folder, slow if most_ms else {}, keyframe_overlap=1.0, **chosen, **files) as one:
         greet(one)
-        wanted = one.answers + _SLOW_FRAMES
-        for index in range(_SLOW_FRAMES):
-            stamp_ns = 10**18 + round(index * _PERIOD_S * 1e9)
-            one.camera.publish(image(corpus.gray(number * _SLOW_FRAMES + index), stamp_ns))
-            one.spin(_PERIOD_S)
-        if not one.wait_for(lambda: one.answers >= wanted, _ANSWER_S):
-            return name, f'{wanted - one.answers} frames are not answered'
-        one.spin(_TOLD_S)
+        wanted = one.answers + frames
+        for index in range(frames):
+            stamp_ns = 10**18 + number * 10**11 + index * 10**8
+            one.camera.publish(image(corpus.gray(number * _MOST_FRAMES + index), stamp_ns))
+            one.spin(period_s)
+        if period_s == _PERIOD_S and not one.wait_for(lambda: one.answers >= wanted, _ANSWER_S):
+            return name, f'{wanted - one.answers} frames are not answered', held
         is_killed = which is signal.SIGKILL
-        promised = one.count('places_kept' if is_killed else 'map_size')
+        promised = max(held, one.count('places_kept' if is_killed else 'map_size'))
         one.process.send_signal(which)
-        if problem := _ended(one, _SLOW_S, -signal.SIGKILL if is_killed else 0):
-            return name, problem
-    places = len(open_map(path))
-    return name, f'{places} places, {promised} were promised' if places < promised else ''
+        most_s = _SLOW_S if most_ms else _WITH_FRAMES_S
+        problem = _ended(one, most_s, -signal.SIGKILL if is_killed else 0)
+    places = len(open_map(files['map_path']))
+    problem = problem or (f'{places} places of {promised}' if places < promised else '')
+    return name, problem, places
 
 
 def _ended(one: Robot, most_s: float, wanted: int = 0) -> str:
@@ -127,17 +89,3 @@ def _ended(one: Robot, most_s: float, wanted: int = 0) -> str:
         return f'did not end within {most_s:g} s'
     code = one.process.poll()
     return f'exit {code}' if code != wanted else ''
-
-
-ATTACKS = {
-    'map_kills': Attack(
-        'SIGINT or SIGTERM from .3 to 3 s after the start of `vpr_node`, half of them twice, a '
-        'fifth without HOME; or while frames come, before a start on the same growing map; or '
-        'SIGTERM or SIGKILL while every sync of the disk takes up to 1 s longer, as on a worn '
-        'card',
-        'exit 0 within 1.5 s of the start, 3 s with frames, 15 s on the slow disk; nothing but '
-        'lines of information, and one of HOME; the map opens, and holds what it held before and '
-        'what was called kept; on the slow disk frames are answered within a second',
-        600, 50, 0, _run,
-    )
-}  # fmt: skip

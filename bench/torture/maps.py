@@ -8,9 +8,9 @@ import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.place import pack_cells, Place
-from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.writer import MapWriter
+from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.core.types import Pose, RelativePose
 from convseq_ros.errors import MapError
 import numpy as np
@@ -65,6 +65,16 @@ def links_hold(reference_map: ReferenceMap) -> bool:
     )
 
 
+def answers(path: Path) -> tuple[object, ...]:
+    """Return all answers of a map but its links, in a form that can be compared."""
+    reader = MapReader(path)
+    opened = reader.reference_map()
+    pictures = opened.pictures(range(len(opened)), with_images=True)
+    shown = [(one.packed.tobytes(), one.thumbnail, one.image) for one in pictures]
+    vectors = opened.global_descriptors.tobytes()
+    return reader.settings, opened.sessions, [*opened.places], vectors, shown
+
+
 def add_one(path: Path, count: int) -> str:
     """Add a place to a map of `count` places; return the problem, or an empty text."""
     expected = drawn(count + 1)
@@ -94,3 +104,27 @@ def drawn(count: int, drive: int = 0) -> ReferenceMap:
     reference_map = ReferenceMap(ENCODING)
     grow(reference_map, count, drive)
     return reference_map
+
+
+def log_of(path: Path) -> Path:
+    """Return where the log of a map is."""
+    return path.with_name(f'{path.name}-wal')
+
+
+def crash(path: Path, *counts: int, drive: int = 0) -> list[int]:
+    """
+    Leave what a crash leaves of a map that grew to these counts of places, one after the other.
+
+    All but the first are in its log alone; return the sizes of the log after each of them.
+    """
+    save_map(drawn(counts[0], drive), path)
+    with MapWriter(path, ENCODING, APART, append=True) as writer:
+        writer.write_ahead()
+        sizes = []
+        for count in counts[1:]:
+            writer.copy(drawn(count, drive), count)
+            sizes.append(log_of(path).stat().st_size)
+        left = {one: one.read_bytes() for one in (path, log_of(path))}
+    for one, content in left.items():
+        one.write_bytes(content)
+    return sizes

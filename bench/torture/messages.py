@@ -1,10 +1,9 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Abnormal messages over DDS, and services called at 50 Hz."""
+"""Odd messages over DDS, and services called at 50 Hz."""
 
 from array import array
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator
 from pathlib import Path
 import random
 import re
@@ -22,7 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from bench.robot import greet, image, Robot, robot, unaccounted
 from bench.torture import corpus
-from bench.torture.attack import Attack, Try
+from bench.torture.attack import Try
 
 _SIDES = (1, 2, 3, 16, 47, 64, 240, 480, 1_080, 2_160, 6_000, 8_000)
 _CAMERAS = ((480, 640), (1_080, 1_920), (2_160, 3_840), (4_320, 7_680))
@@ -49,7 +48,7 @@ _SERVICES = {
 
 
 class Sender:
-    """Sends a node what is drawn; each act returns names of its tries, and the problem."""
+    """Sends a node what is drawn."""
 
     def __init__(self, one: Robot, draw: random.Random, folder: Path) -> None:
         self.one, self._draw, self._folder = one, draw, folder
@@ -59,7 +58,7 @@ class Sender:
             kind: one.node.create_publisher(kind, topic, 10) for kind, topic in _TOPICS.items()
         }
 
-    def images(self) -> tuple[list[str], str]:
+    def images(self) -> Try:
         """Send a burst of odd images; all of them must be accounted for."""
         is_camera = self._draw.random() < _SHARE_OF_CAMERAS
         message, burst = (_camera_image if is_camera else _odd_image)(self._draw)
@@ -78,32 +77,16 @@ class Sender:
             left_mb = self.one.resident_mb() - self._before_mb
             problem = f'{left_mb:.0f} MB are left' if left_mb > _MOST_LEFT_MB else ''
         self._sent -= unaccounted(self.one, self._sent)  # report a problem only once
-        return burst * [f'{message.height} x {message.width} {message.encoding!r}'], problem
+        return Try(f'{message.height} x {message.width} {message.encoding!r}', problem, burst)
 
-    def message(self) -> tuple[list[str], str]:
+    def message(self) -> Try:
         """Publish an odd message that is no image of the camera."""
         kind = self._draw.choice([*_TOPICS])
         odd = _odd_image(self._draw)[0] if kind is Image else _odd(kind, self._draw)
         self._publishers[kind].publish(odd)
-        return [kind.__name__], self._unanswered()
+        return Try(kind.__name__, self._unanswered())
 
-    def set_clock(self) -> tuple[list[str], str]:
-        """Set `use_sim_time` to another value, which must be refused."""
-        value = Parameter('use_sim_time', value=False).to_parameter_msg()
-        asked = self._call('set_parameters', SetParameters.Request(parameters=[value]))
-        if not self.one.wait_for(asked.done, _ANSWER_S):
-            return ['set'], 'set_parameters is not answered'
-        was_set = asked.result().results[0].successful
-        return ['set'], 'use_sim_time was set' if was_set else self._unanswered()
-
-    def harm(self) -> tuple[list[str], str]:
-        """Cut the growing map short under the node, or overwrite it in place."""
-        path = self._folder / 'map.db'
-        content = path.read_bytes()
-        path.write_bytes(self._draw.choice((content[: len(content) // 2], bytes(len(content)))))
-        return ['harm'], self._unanswered()
-
-    def calls(self) -> tuple[list[str], str]:
+    def calls(self) -> Try:
         """Call services at 50 Hz, and send images at 10 Hz."""
         names = self._draw.choices([*_SERVICES], k=_CALLS)
         asked = list[Any]()
@@ -116,7 +99,8 @@ class Sender:
         asked.append(self._call('set_enabled', SetBool.Request(data=True)))
         self.one.wait_for(lambda: all(future.done() for future in asked), _ANSWER_S)
         late = [name for name, future in zip(names, asked, strict=True) if not future.done()]
-        return names, f'not answered: {", ".join(late)}' if late else self._unanswered()
+        problem = f'not answered: {", ".join(late)}' if late else self._unanswered()
+        return Try(names[-1], problem, len(names))
 
     def _call(self, name: str, request: Any) -> Any:
         if name not in self._clients:
@@ -158,23 +142,34 @@ class Sender:
         return f'took {most_mb:.0f} MB' if most_mb > _MOST_MB else ''
 
 
-Act = Callable[[Sender], tuple[list[str], str]]
+def images(count: int, seed: int, folder: Path) -> Iterator[Try]:
+    """Send a node bursts of odd images."""
+    return _run(Sender.images, count, seed, folder)
+
+
+def node_messages(count: int, seed: int, folder: Path) -> Iterator[Try]:
+    """Send a node odd messages that are no images of the camera."""
+    return _run(Sender.message, count, seed, folder, use_sim_time=True, depth_topic=_DEPTH)
+
+
+def services(count: int, seed: int, folder: Path) -> Iterator[Try]:
+    """Call the services of a node."""
+    return _run(Sender.calls, count, seed, folder, image_size_px=256)
 
 
 def _run(
-    acts: Sequence[Act], parameters: dict[str, Any], count: int, seed: int, folder: Path
+    act: Callable[[Sender], Try], count: int, seed: int, folder: Path, **parameters: Any
 ) -> Iterator[Try]:
-    """Do one act after the other with a node."""
+    """Do an act again and again with a node."""
     draw, tried = random.Random(seed), 0
     files = {'map_path': folder / 'map.db', 'save_map_path': folder / 'copy.db'}
     with robot(folder, mode='online', diagnostics_period_s=0.2, **files, **parameters) as one:
         sender = Sender(one, draw, folder)
         greet(one)
         while tried < count and one.process.poll() is None:
-            names, problem = draw.choice(acts)(sender)
-            yield from (Try(f'{tried}: {name}') for name in names[:-1])
-            yield Try(f'{tried}: {len(names)} of {names[-1]}', problem)
-            tried += len(names)
+            name, problem, made = act(sender)
+            yield Try(f'{tried}: {made} of {name}', problem, made)
+            tried += made
 
 
 def _camera_image(draw: random.Random) -> tuple[Image, int]:
@@ -238,29 +233,3 @@ def _request(name: str, draw: random.Random, folder: Path) -> object:
         parameter = Parameter('min_confidence', value=draw.choice(values))
         return SetParameters.Request(parameters=[parameter.to_parameter_msg()])
     return Trigger.Request()
-
-
-_WITH_DEPTH = {'use_sim_time': True, 'depth_topic': _DEPTH}
-ATTACKS = {
-    'images': Attack(
-        'Images of 1 x 1 to 8,000 x 6,000 px, in every encoding and in none, of lying sizes, in '
-        'bursts of up to 300; 30 images at once of cameras up to 7,680 x 4,320 px; stamps that '
-        'jump by up to the whole range of ROS; odometry and camera_info of NaN and infinity',
-        'every image is answered, or counted as dropped or, when the next comes, lost; nothing '
-        'fails; below 2 GB; a good image is answered after each burst; 10 s after a burst of '
-        'large images the node holds at most 256 MB and one image more than before',
-        2_000, 500, 0, partial(_run, [Sender.images], {}),
-    ),
-    'node_messages': Attack(
-        '`/clock` below zero, `use_sim_time` set at run time, `camera_info` of the smallest '
-        'numbers there are, odd odometry and depth images; the growing map is cut short or '
-        'overwritten in place',
-        'the clock is not changed; the node lives, and answers the next image within 30 s',
-        60, 20, 0, partial(_run, [Sender.message, Sender.set_clock, Sender.harm], _WITH_DEPTH),
-    ),
-    'services': Attack(
-        '`~/reset`, `~/set_enabled`, `~/save_map`, `~/load_map` and parameters, called at 50 Hz',
-        'every call is answered within 30 s; the node lives, and answers frames afterwards',
-        1_200, 200, 0, partial(_run, [Sender.calls], {'image_size_px': 256}),
-    ),
-}  # fmt: skip
