@@ -3,12 +3,11 @@
 """A fleet of maps that workers hold, which appears as one map."""
 
 from bisect import bisect_right
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from itertools import accumulate, count
+from itertools import accumulate
 from pathlib import Path
 import time
 from typing import Any
@@ -21,43 +20,12 @@ from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.retrieval.coarse_scores import AllPlaces
-from convseq_ros.core.retrieval.whitening import DriveMean, Statistics, statistics_of
-from convseq_ros.core.types import Descriptor, Floats, Indices
+from convseq_ros.core.retrieval.coarse_scores import CoarseScores
+from convseq_ros.core.retrieval.whitening import DriveMean, statistics_of
+from convseq_ros.core.types import Descriptor, Floats, Row
 from convseq_ros.errors import FleetError
-from convseq_ros.fleet.shard import About, Answer, Call, Holder, KEPT, merged, Question
+from convseq_ros.fleet.shard import About, Call, Holder
 import numpy as np
-
-
-class FleetScores(AllPlaces):
-    """Coarse scores of one camera, by its number, from all shards."""
-
-    def __init__(
-        self, ask: Callable[[Question], Answer], usual: Statistics, both: bool, camera: int
-    ) -> None:
-        self._ask, self._usual, self._both, self._camera = ask, usual, both, camera
-        self._mean, self._drive, self._frame = DriveMean(len(usual.mean)), 0, 0
-        self._directions = deque[Floats](maxlen=KEPT)
-
-    def reset(self) -> None:
-        self._mean.reset()
-        self._directions.clear()
-        self._drive, self._frame = self._drive + 1, 0
-
-    def update(self, descriptor: Descriptor, _usable: int) -> None:
-        """Add a query; every place is usable, as fleets do not grow."""
-        self._directions.append(self._mean.update(descriptor, self._usual))
-        self._frame += 1
-
-    def best(self, by_track: int, by_frame: int, excluded: Sequence[range] = ()) -> Indices:
-        """Return the best places as `AllPlaces.best`; if a shard lacks frames, they are sent."""
-        drive, last = (self._camera, self._drive, self._frame), [self._directions[-1]]
-        question = Question(self._usual, self._both, *drive, last, by_track, by_frame, excluded)
-        answer = self._ask(question)
-        answer = answer or self._ask(replace(question, directions=[*self._directions]))
-        assert answer is not None
-        return np.union1d(answer[0][0], answer[1][0])
-
 
 _TRIES = 3  # of a question, each with a new worker
 _LOOKED_AT_EVERY_S = 0.25  # checks that a worker is alive while it works
@@ -105,6 +73,20 @@ class _Worker:
                     raise
 
 
+class FleetScores(CoarseScores):
+    """Coarse scores of one camera, which workers compute; they are summed along the drive here."""
+
+    def __init__(self, fleet: 'Fleet', both: bool) -> None:
+        super().__init__(fleet.reference_map, both)
+        self._usual, self._ask = fleet.usual, fleet.row
+        self._drive = DriveMean(len(self._usual.mean))  # also of a model's descriptors
+
+    def update(self, descriptor: Descriptor, _usable: int | None = None) -> None:
+        """Take in a query; every place is usable, as fleets do not grow."""
+        self.row = self._ask(self._drive.update(descriptor, self._usual))
+        self._track.update(self.row, self._map.bounds.starts)
+
+
 class Fleet:
     """
     Recognises places in all maps of a fleet, exactly as in one map merged from them.
@@ -133,7 +115,7 @@ class Fleet:
         self._client, self.paths, self.timeout_s = client, paths, timeout_s
         self._missing = dict[str, str]()
         self._open()
-        coarse = partial(self.scores, config.matching.both_directions)
+        coarse = partial(FleetScores, self, config.matching.both_directions)
         self.cameras = Cameras(self.reference_map, config, sources, coarse, describe)
         self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
 
@@ -174,9 +156,8 @@ class Fleet:
         starts = accumulate((about.count for about in abouts.values()), initial=0)
         *self._starts, self.count = starts
         self.offsets = dict(zip(abouts, self._starts, strict=True))
-        self._cameras = count()
         sums = np.asarray(sum(about.sums for about in abouts.values()))
-        self._usual = statistics_of(sums, self.count)
+        self.usual = statistics_of(sums, self.count)
         self.reference_map = self._joined(abouts)
 
     def _joined(self, abouts: Mapping[str, About]) -> ReferenceMap:
@@ -194,18 +175,17 @@ class Fleet:
                 joined.links.add(self.offsets[path] + place, self.offsets[path] + anchor)
         return joined
 
-    def scores(self, both: bool) -> FleetScores:
-        """Return the coarse scores of the next camera."""
-        return FleetScores(self.ask, self._usual, both, next(self._cameras))
-
-    def ask(self, question: Question) -> Answer:
+    def row(self, direction: Floats) -> Row:
+        """Return the coarse scores of all places; minus infinity where a map is missing."""
         questions = list[tuple[_Worker, tuple[Any, ...]]]()
         for worker in self._workers:
-            there = (path for path in worker.paths if path not in self._missing)
-            questions.append((worker, (question, {path: self.offsets[path] for path in there})))
-        answers = self._ask_workers('answer', questions)
-        pairs = zip(answers, self._workers, strict=True)
-        return merged([answer for answer, worker in pairs if not worker.problem], question)
+            there = [path for path in worker.paths if path not in self._missing]
+            questions.append((worker, (there, direction, self.usual)))
+        row = np.full(self.count, -np.inf, np.float32)
+        for reply in self._ask_workers('rows', questions):
+            for path, scores in (reply or {}).items():
+                row[self.offsets[path] :][: len(scores)] = scores
+        return row
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return cells and images of places; blank ones if their shard is missing."""

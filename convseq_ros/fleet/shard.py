@@ -3,7 +3,7 @@
 """The worker's side: it holds some maps, its shards, and answers for them together."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +11,9 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.retrieval.coarse_scores import top
-from convseq_ros.core.retrieval.track import Track
 from convseq_ros.core.retrieval.whitening import Statistics, sums_of, WhitenedReferences
-from convseq_ros.core.types import Floats, Indices, Row
+from convseq_ros.core.types import Doubles, Floats, Row
 from convseq_ros.errors import MapError
-import numpy as np
-import numpy.typing as npt
-
-# Frames to rebuild a track from: earlier ones have the weight 0.8**256, less than a bit.
-KEPT = 256
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -33,37 +26,7 @@ class About:
     count: int
     columns: Mapping[str, Any]  # of its places, as in `Places`
     links: Sequence[tuple[int, int]]  # places and their anchors
-    sums: npt.NDArray[np.float64]  # of its global descriptors, (2, n)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Question:
-    """A question to every shard: which places the newest frame of a drive may show."""
-
-    usual: Statistics
-    both: bool  # whether drives may pass the map in both directions
-    camera: int
-    drive: int  # of the camera
-    frame: int  # number of frames of the drive so far
-    directions: Sequence[Floats]  # of the last frames in descriptor space, the newest last
-    along: int  # number of places wanted by the drive so far
-    newest: int  # number of places wanted by the newest frame
-    passed: Sequence[range] = ()  # the fleet's places to leave out
-
-
-Best = tuple[Indices, Row]  # places of the fleet and their scores, best first; ties by index
-# By the drive so far, and by the newest frame; None if a shard lacks frames of the drive.
-Answer = tuple[Best, Best] | None
-
-
-@dataclass(eq=False, slots=True)
-class DriveState:
-    """A shard's state of a drive."""
-
-    drive: int
-    track: Track
-    frame: int = 0
-    row: Row = field(default_factory=lambda: np.zeros(0, np.float32))
+    sums: Doubles  # of its global descriptors, (2, n)
 
 
 class Shard:
@@ -72,7 +35,6 @@ class Shard:
     def __init__(self, path: Path) -> None:
         self._map = open_map(path)
         self._whitened: WhitenedReferences | None = None
-        self._drives = dict[int, DriveState]()  # by camera
 
     def about(self) -> About:
         opened = self._map
@@ -80,38 +42,14 @@ class Shard:
         sums = sums_of(opened.global_descriptors)
         return About(*settings, opened.places.columns, tuple(opened.links), sums)
 
-    def answer(self, question: Question, offset: int) -> Answer:
-        """Answer for this map, whose first place has the index `offset` in the fleet."""
-        if (state := self._updated(question)) is None:
-            return None
-        passed = [range(run.start - offset, run.stop - offset) for run in question.passed]
-        sums, row = state.track.sums, state.row
-        along, newest = top(sums, question.along, passed), top(row, question.newest, passed)
-        return (along + offset, sums[along]), (newest + offset, row[newest])
+    def row(self, direction: Floats, usual: Statistics) -> Row:
+        """Return the coarse scores of all places with a query's direction in descriptor space."""
+        references, starts = self._map.global_descriptors, self._map.bounds.starts
+        self._whitened = self._whitened or WhitenedReferences(usual, references, starts)
+        return self._whitened.row(references, starts, direction)
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         return self._map.pictures(indices, with_images)
-
-    def _updated(self, question: Question) -> DriveState | None:
-        """Return the state of a drive after its newest frame; None if frames are missing."""
-        references, starts = self._map.global_descriptors, self._map.bounds.starts
-        centred = self._whitened = self._whitened or WhitenedReferences(
-            question.usual, references, starts
-        )
-        state, count = self._drives.get(question.camera), len(question.directions)
-        if state is None or state.drive != question.drive:
-            state = DriveState(question.drive, Track(question.both))
-        new = question.frame - state.frame
-        if new > count:
-            if count < min(question.frame, KEPT):
-                return None
-            state, new = DriveState(question.drive, Track(question.both)), count
-        for direction in question.directions[count - new :]:
-            state.row = centred.row(references, starts, direction)
-            state.track.update(state.row, starts)
-        state.frame = question.frame
-        self._drives[question.camera] = state
-        return state
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -139,10 +77,9 @@ class Holder:
     def about(self) -> tuple[dict[str, About], dict[str, str]]:
         return {path: shard.about() for path, shard in self._shards.items()}, self._lost
 
-    def answer(self, question: Question, offsets: Mapping[str, int]) -> Answer:
-        """Answer for some of the maps together."""
-        held = [(self._shards[path], at) for path, at in offsets.items() if path in self._shards]
-        return merged([shard.answer(question, offset) for shard, offset in held], question)
+    def rows(self, paths: Sequence[str], direction: Floats, usual: Statistics) -> dict[str, Row]:
+        """Return the coarse scores of some of the maps."""
+        return {path: self._shards[path].row(direction, usual) for path in paths}
 
     def pictures(
         self, wanted: Mapping[str, Sequence[int]], with_images: bool
@@ -154,18 +91,3 @@ class Holder:
             except MapError as error:
                 pictures[path] = str(error)
         return pictures
-
-
-def merged(answers: Sequence[Answer], question: Question) -> Answer:
-    complete = [answer for answer in answers if answer]
-    if len(complete) < len(answers):
-        return None
-    along = _best([best for best, _ in complete], question.along)
-    return along, _best([best for _, best in complete], question.newest)
-
-
-def _best(parts: Sequence[Best], count: int) -> Best:
-    places = np.concatenate([np.zeros(0, np.int64), *(indices for indices, _ in parts)])
-    scores = np.concatenate([np.zeros(0, np.float32), *(row for _, row in parts)])
-    order = np.lexsort((places, -scores))[:count]
-    return places[order], scores[order]

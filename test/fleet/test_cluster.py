@@ -48,16 +48,18 @@ def test_a_missing_package_is_named_with_the_remedy(monkeypatch):
             pass
 
 
-def test_workers_that_do_not_start_are_reported_in_one_line(monkeypatch):
-    distributed = pytest.importorskip('distributed')
+def test_workers_that_do_not_start_are_tried_again_and_reported_in_one_line(monkeypatch):
+    distributed, tries = pytest.importorskip('distributed'), []
 
     def fails(**_):
+        tries.append(1)
         raise RuntimeError('Nanny failed to start.') from OSError('no room')
 
     monkeypatch.setattr(distributed, 'LocalCluster', fails)
-    with pytest.raises(FleetError, match=r'^3 workers did not start \(no room\)'):
+    with pytest.raises(FleetError, match=r'^3 workers did not start \(.*OSError: no room\)'):
         with connected(Cluster(workers=3)):
             pass
+    assert len(tries) == 2
 
 
 def test_a_cluster_of_this_machine_hears_this_machine_only(client):
