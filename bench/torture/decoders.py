@@ -3,8 +3,7 @@
 """All decoders of foreign data, each with small valid inputs."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
-import io
+from collections.abc import Callable
 from pathlib import Path
 import sqlite3
 import tempfile
@@ -16,8 +15,6 @@ from convseq_ros.core.encoding.view import masked
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.evaluation.data_set import read_data_set
-from convseq_ros.evaluation.report.shown import read_runs
-from convseq_ros.evaluation.run_folder import EXTRA_COLUMNS
 from convseq_ros.evaluation.truth import read_pairs, read_positions
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.io.results import read_results
@@ -28,7 +25,6 @@ from convseq_ros.sources.pose_file import read_pose_file
 from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.raw_message import RawMessage
 from convseq_ros.sources.topics import decode
-import numpy as np
 
 from bench import recordings
 from bench.torture import corpus
@@ -89,11 +85,7 @@ def decoders() -> dict[str, Decoder]:
             [b'drive,x,y,z\nquery,1,2,3\nquery,2,3,4\n'],
             _in_file('t.csv', lambda path: read_positions(path, 'query', 2)),
         ),
-        'result table': Decoder([_table(COLUMNS)], _in_file('result.csv', read_results)),
-        'run folder': Decoder(
-            [bytes([number]) + content for number, content in enumerate(_RUN.values())],
-            _run_folder,
-        ),
+        'result table': Decoder([_table()], _in_file('result.csv', read_results)),
     }
 
 
@@ -127,35 +119,11 @@ def _map() -> bytes:
         return path.read_bytes()
 
 
-def _run_folder(data: bytes, folder: Path) -> None:
-    """Read a run in which one file, chosen by the first byte, has the other bytes as content."""
-    (folder / 'set' / 'method').mkdir(parents=True)
-    for number, (name, content) in enumerate(_RUN.items()):
-        is_chosen = data and data[0] % len(_RUN) == number
-        (folder / name).write_bytes(data[1:] if is_chosen else content)
-    for one in read_runs([folder]):
-        one.run.thumbnail('query', 0)
+def _table() -> bytes:
+    row = ','.join('0.5' if 'score' in name else '1' for name in COLUMNS)
+    return f'{",".join(COLUMNS)}\n{row}\n{row}\n'.encode()
 
 
-def _scores() -> bytes:
-    """Return a .npy file of scores."""
-    made = io.BytesIO()
-    np.save(made, np.eye(3, dtype=np.float32))
-    return made.getvalue()
-
-
-def _table(columns: Sequence[str]) -> bytes:
-    row = ','.join('0.5' if 'score' in name else '1' for name in columns)
-    return f'{",".join(columns)}\n{row}\n{row}\n'.encode()
-
-
-_RUN = {
-    'set/method/summary.json': b'{"set": "set", "method": "method", "accuracy_matched": 0.5}',
-    'set/method/frames.csv': _table((*COLUMNS, *EXTRA_COLUMNS)),
-    'set/method/curve.csv': b'threshold,precision,recall\n0.5,1,0.25\n',
-    'set/method/scores.npy': _scores(),
-    'set/set.json': b'{"name": "set", "queries": 3, "references": 3}',
-}
 _PARAMETERS = b"""/**:
   ros__parameters:
     matching: coherent

@@ -60,7 +60,6 @@ def _cuts(draw: random.Random, folder: Path) -> Iterator[Try]:
                 assert code == 0
             for _ in range(_CUTS):
                 how = draw.choice(('power', 'kill', 'kill within'))
-                how = how if scenario.is_synced else 'kill'
                 at, left = draw.randrange(len(calls)), deepcopy(start)
                 for call in calls[:at]:
                     left.see(call)

@@ -11,7 +11,7 @@ import traceback
 from typing import NamedTuple, NoReturn
 
 MOST_S = 5  # of the CPU
-BLOCKED_S = 60  # with what other programs take
+BLOCKED_S = 60  # more than that, with what other programs take
 MOST_BYTES = 1_000_000_000
 _LIMITS = -signal.SIGXCPU, -signal.SIGALRM
 _BESIDE = 'warning: ', '[rcl]: Failed to parse global arguments'  # ROS says the second of itself
@@ -58,7 +58,7 @@ def _work(work: Callable[[], int], output: int, most_s: int) -> NoReturn:
     resource.setrlimit(resource.RLIMIT_CPU, (most_s, most_s + 1))
     # A larger allocation by a library would only slow the machine down.
     resource.setrlimit(resource.RLIMIT_AS, (8 * MOST_BYTES, 8 * MOST_BYTES))
-    signal.alarm(BLOCKED_S)
+    signal.alarm(most_s + BLOCKED_S)
     try:
         code = work()
     except SystemExit as error:

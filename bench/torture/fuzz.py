@@ -6,19 +6,18 @@ from collections.abc import Callable, Iterator
 import contextlib
 from importlib.util import find_spec
 import io
-import os
 from pathlib import Path
-import resource
 import shutil
 import tempfile
 import time
-from typing import Any, NoReturn
+from typing import Any
 
 from bench.torture.attack import Try
-from bench.torture.forked import BLOCKED_S, MOST_BYTES, MOST_S
+from bench.torture.forked import BLOCKED_S, ended, MOST_BYTES, MOST_S
 
 MISSING = '' if find_spec('atheris') else "Atheris is missing; run: pip install '.[torture]'"
 FOUND = Path(tempfile.gettempdir(), 'convseq_fuzz')  # inputs that break a decoder
+_MOST_S = 3600  # of the CPU, for all inputs of a decoder
 _MOST_ERROR = 2000  # characters of an error
 # Values for wrong places in a text, in addition to those of the fuzzer.
 _WORDS = ['9' * 30, *'-1 1e308 nan inf 1e99999999 [] {} 0x ~ &a *a !!'.split()]
@@ -43,21 +42,17 @@ def fuzz(count: int, seed: int, folder: Path) -> Iterator[Try]:
 def fuzzed(name: str, decoder: Any, count: int, seed: int, folder: Path) -> Try:
     """Fuzz a decoder in a fork of this process, and keep the input that breaks it."""
     with tempfile.TemporaryDirectory(dir=folder) as made:
-        base = Path(made)
-        if not os.fork():
-            _be_libfuzzer(decoder, count, seed, base)
-        code = os.waitstatus_to_exitcode(os.wait()[1])
-        if not code:
+        end = ended(lambda: _be_libfuzzer(decoder, count, seed, Path(made)), _MOST_S)
+        if not end.problem:
             return Try(name, count=count)
-        told = (base / 'told').read_text(encoding='utf-8', errors='replace')
         FOUND.mkdir(exist_ok=True)
         kept = FOUND / f'{name.replace(" ", "_")}-{seed}'
-        for one in base.glob('*-*'):
+        for one in Path(made).glob('crash-*'):
             shutil.copy(one, kept)
-        return Try(name, f'ended with {code}: {told[-500:]}; {kept}')
+        return Try(name, f'{end.problem}; {kept}')
 
 
-def _be_libfuzzer(decoder: Any, count: int, seed: int, folder: Path) -> NoReturn:
+def _be_libfuzzer(decoder: Any, count: int, seed: int, folder: Path) -> int:
     """Fuzz a decoder until it fails; libFuzzer then writes the input into the folder."""
     import atheris
 
@@ -77,22 +72,16 @@ def _be_libfuzzer(decoder: Any, count: int, seed: int, folder: Path) -> NoReturn
             raise
         shutil.rmtree(work)
 
-    resource.setrlimit(resource.RLIMIT_AS, (8 * MOST_BYTES, 8 * MOST_BYTES))
-    told = os.open(folder / 'told', os.O_WRONLY | os.O_CREAT)
-    os.dup2(told, 1), os.dup2(told, 2)
     options = [
         f'-runs={count}',
         f'-seed={seed}',
         f'-timeout={BLOCKED_S}',
         f'-rss_limit_mb={MOST_BYTES // 10**6}',
         f'-dict={folder / "words"}',
-        f'-artifact_prefix={folder}/',
+        f'-artifact_prefix={folder}/crash-',
     ]
-    try:
-        atheris.Setup(['fuzz', *options, str(folder / 'samples')], once)
-        atheris.Fuzz()
-    finally:
-        os._exit(1)
+    atheris.Setup(['fuzz', *options, str(folder / 'samples')], once)
+    atheris.Fuzz()
 
 
 def _decode_once(decode: Callable[[bytes, Path], object], data: bytes, work: Path) -> None:

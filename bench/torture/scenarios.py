@@ -3,14 +3,12 @@
 """What changes files: maps are made, grown, saved, linked, thinned; a result table is written."""
 
 from collections.abc import Callable
-from contextlib import redirect_stdout, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from io import StringIO
 from pathlib import Path
 import tempfile
 
-from convseq_ros.cli import main
 from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.edit import joined, slices_of, unlink, without, write_new
 from convseq_ros.core.map.reader import open_map
@@ -35,7 +33,6 @@ class Scenario:
     act: Callable[[Path, Commits], None]
     # The check; AssertionError if the files do not fit the acknowledged number.
     check: Callable[['Scenario', Path, Commits, int], None]
-    is_synced: bool = True  # whether what is acknowledged survives a cut of the power
 
 
 def _nothing(_path: Path, _commits: Commits) -> None: ...
@@ -56,29 +53,9 @@ def _crashed(path: Path, commits: Commits) -> None:
         log.truncate(log_of(path).stat().st_size - 1)
 
 
-def _unlinked(path: Path, commits: Commits) -> None:
-    _some(path, commits)
-    unlink(path)
-
-
-def _rows(path: Path, commits: Commits) -> None:
-    """Create the table of a crashed run."""
-    table = ResultWriter(path, COLUMNS)
-    _write(table, commits[0])
-    table.abandon()
-
-
 def _older(path: Path, commits: Commits) -> None:
-    """Create the table of a completed run."""
-    with ResultWriter(path, COLUMNS) as table:
-        _write(table, commits[0])
-
-
-def _write(table: ResultWriter, count: int, then: Callable[[int], None] | None = None) -> None:
-    for index in range(count):
-        table.write(row(Match(index, index, Reason.RECENT), 1.0))
-        if then:
-            then(index + 1)
+    """Create a result table."""
+    _tabulate(path, commits[:1])
 
 
 def _grow(path: Path, commits: Commits) -> None:
@@ -108,12 +85,6 @@ def _unlink(path: Path, commits: Commits) -> None:
     acknowledge(1)
 
 
-def _link(path: Path, _commits: Commits) -> None:
-    with redirect_stdout(StringIO()):
-        if main(['map', 'link', str(path)]):
-            raise MapError('refused')
-
-
 def _remove(path: Path, commits: Commits) -> None:
     slices = slices_of(path)
     left = joined(without(slices, {commits[0]}))
@@ -123,12 +94,8 @@ def _remove(path: Path, commits: Commits) -> None:
 
 def _tabulate(path: Path, commits: Commits) -> None:
     with ResultWriter(path, COLUMNS) as table:
-        _write(table, sum(commits), acknowledge)
-
-
-def _complete(path: Path, commits: Commits) -> None:
-    with ResultWriter(path, COLUMNS) as table:
-        _write(table, sum(commits))
+        for index in range(sum(commits)):
+            table.write(row(Match(index, index, Reason.RECENT), 1.0))
     acknowledge(1)
 
 
@@ -158,7 +125,7 @@ def _old_or_new(scenario: Scenario, path: Path, commits: Commits, acknowledged: 
             _goes_on(scenario, path, commits, commits[0])
         scenario.act(path, commits)
     assert _content(path) == new
-    if scenario.act is not _complete:  # the table of a run that failed stays, under another name
+    if scenario.act is not _tabulate:  # the table of a run that failed stays, under another name
         unlink(path)  # the next program tidies up
         _nothing_beside(path)
 
@@ -184,31 +151,10 @@ def _content(path: Path) -> object:
     return answers(path)[2:], links  # before these are identities
 
 
-def _links_again(scenario: Scenario, path: Path, commits: Commits, _acknowledged: int) -> None:
-    """Check that all places are there, and that the command goes on and leaves one file."""
-    assert len(open_map(path)) == commits[0]
-    scenario.act(path, commits)
-    assert open_map(path).is_linked and holds(path) == commits[0]
-    _nothing_beside(path)
-
-
 def _nothing_beside(path: Path) -> None:
     """Check that neither the last program nor an earlier one left temporary files."""
     beside = {one.name for one in path.parent.iterdir()} - {path.name}
     assert not beside, beside
-
-
-def _tabulated(_scenario: Scenario, path: Path, commits: Commits, acknowledged: int) -> None:
-    """Check that the rows of each run are in a file."""
-    counts = []
-    for file in path.parent.iterdir():
-        rows = read_results(file)
-        whole = [row for row in rows if row['relative_yaw_rad'] is not None]
-        assert [row['query_index'] for row in whole] == [str(each) for each in range(len(whole))]
-        counts.append(len(whole))
-    assert commits[0] in counts or max(counts) > commits[0], counts
-    assert max(counts) >= acknowledged, counts
-    assert sum(counts) >= commits[0] + max(0, acknowledged), counts
 
 
 SCENARIOS = {
@@ -216,8 +162,6 @@ SCENARIOS = {
     'grow after a crash': Scenario(_crashed, _grow, _goes_on),
     'save over a crash': Scenario(_crashed, _save, _old_or_new),
     'unlink': Scenario(_some, _unlink, _old_or_new),
-    'link': Scenario(_unlinked, _link, _links_again),
     'remove': Scenario(_some_more, _remove, _old_or_new),
-    'result table': Scenario(_rows, _tabulate, _tabulated, is_synced=False),
-    'complete result table': Scenario(_older, _complete, _old_or_new),
+    'result table': Scenario(_older, _tabulate, _old_or_new),
 }
