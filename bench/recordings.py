@@ -21,6 +21,19 @@ START_NS, STEP_NS = 1_700_000_000_000_000_000, 100_000_000
 Rows = Iterable[tuple[str, int, Any]]  # topic, time of recording, message
 
 
+def gray(number: int = 0) -> np.ndarray:
+    """Return a noise image."""
+    noise = np.random.default_rng(number).integers(0, 256, (48, 64), np.uint8)
+    return np.asarray(cv2.GaussianBlur(noise, (5, 5), 1.0))
+
+
+def write_pictures(folder: Path, count: int) -> None:
+    """Write a folder of noise images."""
+    folder.mkdir()
+    for number in range(count):
+        cv2.imwrite(str(folder / f'{number}.png'), gray(number))
+
+
 def drive(pictures: Iterable[np.ndarray], topic: str = '/camera/image_raw') -> Rows:
     """Return rows of a recording: an image every 0.1 s, recorded 5 ms after its stamp."""
     return [

@@ -16,18 +16,6 @@ from bench.torture.disk import environment
 _REPOSITORY = Path(__file__).resolve().parents[2]
 
 
-class Attack(NamedTuple):
-    """
-    A function of a module of this folder, both by name.
-
-    It makes a number of tries with a seed in an empty folder; a seed always gives the same ones.
-    """
-
-    module: str
-    portion: int  # tries with one seed; of `fuzz`, for each decoder
-    needs_disk: bool = False  # whether disk.c is loaded
-
-
 class Try(NamedTuple):
     """One try, or several of which the last may have a problem."""
 
@@ -36,19 +24,22 @@ class Try(NamedTuple):
     count: int = 1
 
 
+# Each is a function of a module of this folder, which makes a number of tries with a seed in an
+# empty folder; a seed always gives the same ones. The number is that of `make torture`; of `fuzz`,
+# it is for each decoder.
 ATTACKS = {
-    'fuzz': Attack('fuzz', 20_000),
-    'hostile_maps': Attack('hostile_maps', 100),
-    'images': Attack('messages', 500),
-    'log_damage': Attack('damage', 500),
-    'map_damage': Attack('damage', 500),
-    'map_kills': Attack('kills', 50),
-    'map_power': Attack('disk_attacks', 200, needs_disk=True),
-    'map_writes': Attack('disk_attacks', 100, needs_disk=True),
-    'node_messages': Attack('messages', 20),
-    'odd_words': Attack('odd_words', 50),
-    'recording_damage': Attack('damage', 500),
-    'services': Attack('messages', 200),
+    'fuzz': ('fuzz', 20_000),
+    'hostile_maps': ('hostile_maps', 100),
+    'images': ('messages', 500),
+    'log_damage': ('damage', 500),
+    'map_damage': ('damage', 500),
+    'map_kills': ('kills', 50),
+    'map_power': ('disk_attacks', 200),
+    'map_writes': ('disk_attacks', 100),
+    'node_messages': ('messages', 20),
+    'odd_words': ('odd_words', 50),
+    'recording_damage': ('damage', 500),
+    'services': ('messages', 200),
 }
 
 
@@ -68,12 +59,12 @@ class Outcome:
 
 def carry_out(outcome: Outcome, count: int | None = None) -> None:
     """Make a portion of tries, or a count, with the next seed, in another process."""
-    name, seed = outcome.attack, outcome.next_seed
-    words = name, str(count or ATTACKS[name].portion), str(seed)
+    seed, (module, portion) = outcome.next_seed, ATTACKS[outcome.attack]
+    words = outcome.attack, str(count or portion), str(seed)
     outcome.next_seed += 1
     with tempfile.TemporaryDirectory(prefix='convseq_torture_') as folder:
         command = [sys.executable, '-m', __spec__.name, *words, folder]
-        own = environment(Path(folder)) if ATTACKS[name].needs_disk else None
+        own = environment(Path(folder)) if module == 'disk_attacks' else None
         with subprocess.Popen(command, env=own, stdout=subprocess.PIPE, text=True) as process:
             assert process.stdout
             for line in process.stdout:
@@ -87,7 +78,7 @@ def carry_out(outcome: Outcome, count: int | None = None) -> None:
 
 def print_tries(name: str, count: str, seed: str, folder: str) -> None:
     """Make tries, and print each as a line of JSON."""
-    module = importlib.import_module(f'bench.torture.{ATTACKS[name].module}')
+    module = importlib.import_module(f'bench.torture.{ATTACKS[name][0]}')
     for attempt in getattr(module, name)(int(count), int(seed), Path(folder)):
         print(json.dumps(attempt), flush=True)
 

@@ -18,7 +18,6 @@ from mcap.writer import CompressionType
 import numpy as np
 
 from bench import recordings
-from bench.torture import corpus
 from bench.torture.attack import Try
 from bench.torture.maps import add_one, answers, crash, drawn, links_hold, log_of, problem_of_use
 
@@ -126,7 +125,7 @@ def _log(path: Path, commits: int, draw: random.Random) -> Sample:
 
 
 def _recording(path: Path, kind: CompressionType) -> Sample:
-    recordings.write_mcap(path, recordings.drive(map(corpus.gray, range(_IMAGES))), kind)
+    recordings.write_mcap(path, recordings.drive(map(recordings.gray, range(_IMAGES))), kind)
     with path.open('rb') as file:
         summary = make_reader(file).get_summary()
     assert summary
@@ -143,7 +142,7 @@ def _frames_problem(path: Path) -> str:
     except SourceError as error:
         return '' if '\n' not in str(error) else f'{error!r}'
     stamps_ns = (recordings.START_NS + number * recordings.STEP_NS for number in range(_IMAGES))
-    written = {at: corpus.gray(number) for number, at in enumerate(stamps_ns)}
+    written = {at: recordings.gray(number) for number, at in enumerate(stamps_ns)}
     for frame in frames:
         if frame.stamp_ns not in written:
             return f'a frame of {frame.stamp_ns} ns'

@@ -25,12 +25,26 @@ from convseq_ros.sources.pose_file import read_pose_file
 from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.raw_message import RawMessage
 from convseq_ros.sources.topics import decode
+import cv2
+from mcap.writer import CompressionType
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin
 
 from bench import recordings
-from bench.torture import corpus
 from bench.torture.maps import answers, drawn
 
 _SMALLEST_PAGE_BYTES = 512  # of SQLite: a small map has a large share of structure
+
+
+_PICTURES: dict[str, tuple[str, list[int]]] = {
+    'jpeg': ('.jpg', []),
+    'progressive': ('.jpg', [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]),
+    'png': ('.png', []),
+    'bmp': ('.bmp', []),
+    'tiff': ('.tiff', []),
+    'ppm': ('.ppm', []),
+    'webp': ('.webp', [cv2.IMWRITE_WEBP_QUALITY, 60]),
+}
 
 
 class Decoder(NamedTuple):
@@ -42,7 +56,7 @@ class Decoder(NamedTuple):
 
 def decoders() -> dict[str, Decoder]:
     """Return every decoder, by name."""
-    pictures = corpus.pictures()
+    pictures = _pictures()
     by_name = {
         f'picture {kind}': Decoder([data], lambda given, _: picture_pixels(given))
         for kind, data in pictures.items()
@@ -51,13 +65,13 @@ def decoders() -> dict[str, Decoder]:
         f'recording {name}': Decoder(
             [data], _in_file(name, lambda path: deque(open_source(path), 0))
         )
-        for name, data in corpus.recordings().items()
+        for name, data in _recordings().items()
     }
     by_name |= {
         f'message {message.__msgtype__.split("/")[-1]}': _message(message, read)
         for message, read in (
-            (recordings.image(corpus.gray()), message_pixels),
-            (recordings.compressed(corpus.gray(), suffix='.jpg', name='jpeg'), message_pixels),
+            (recordings.image(recordings.gray()), message_pixels),
+            (recordings.compressed(recordings.gray(), suffix='.jpg', name='jpeg'), message_pixels),
             (recordings.camera_info(), lambda message: camera_from_info(decode(message))),
             (recordings.pose(), lambda message: pose_from_message(decode(message))),
         )
@@ -87,6 +101,29 @@ def decoders() -> dict[str, Decoder]:
         ),
         'result table': Decoder([_table()], _in_file('result.csv', read_results)),
     }
+
+
+def _pictures() -> dict[str, bytes]:
+    """Return a file of every image format, by name."""
+    colour = np.dstack([recordings.gray(0), recordings.gray(1), recordings.gray(2)])
+    return {
+        name: cv2.imencode(suffix, colour, options)[1].tobytes()
+        for name, (suffix, options) in _PICTURES.items()
+    }
+
+
+def _recordings() -> dict[str, bytes]:
+    """Return a recording of every kind that is a single file, by its name."""
+    rows = recordings.drive(map(recordings.gray, range(4)))
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        for kind in CompressionType:
+            recordings.write_mcap(folder / f'{kind.name}.mcap', rows, kind)
+        recordings.write_mcap(folder / 'loose.mcap', rows, use_chunking=False)
+        recordings.write_ros1(folder / 'drive.bag', rows)
+        database = recordings.write_ros2(folder / 'db3', rows, StoragePlugin.SQLITE3) / 'db3.db3'
+        files = *folder.glob('*.*'), database
+        return {path.name: path.read_bytes() for path in files}
 
 
 def _message(message: Any, read: Callable[[RawMessage], object]) -> Decoder:

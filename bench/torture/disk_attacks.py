@@ -5,7 +5,7 @@
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import replace
-from itertools import islice
+from itertools import cycle, islice
 import os
 from pathlib import Path
 import random
@@ -24,23 +24,27 @@ from bench.torture.scenarios import Commits, Scenario, SCENARIOS
 
 _REFUSED, _BROKE = 1, 3  # exit codes
 _MOST_PLACES = 40  # in a commit: some pages of every table
-_CUTS = 20  # with one record
+_MOST_CALLS = 130  # of a scenario, or some more
+_CUTS = 10  # with one record
 autosave._COMMIT_EVERY_S = 1e6  # only on request
 
 
 def map_writes(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Let a call of a scenario fail, or all from then on that need room, again and again."""
     draw, made = random.Random(seed), 0
-    commits = _commits(draw)
-    calls_of = {name: len(_acted(one, commits, folder)[2]) for name, one in SCENARIOS.items()}
     while made < count:
-        name, is_full = draw.choice([*SCENARIOS]), draw.random() < 0.5
-        call = draw.randint(1, calls_of[name])
-        code, problem, calls = _acted(SCENARIOS[name], commits, folder, call, is_full)
-        if any(one.what == 'f' for one in calls):
-            made += 1
-            problem = problem if code in (0, _REFUSED) else f'ended with {code}'
-            yield Try(f'{name} {commits}, {"full" if is_full else "error"} at {call}', problem)
+        name, commits = draw.choice([*SCENARIOS]), _commits(draw)
+        call, is_full = draw.randint(1, _MOST_CALLS), draw.random() < 0.5
+        with tempfile.TemporaryDirectory(dir=folder) as scratch:
+            path = Path(scratch, 'map.db')
+            SCENARIOS[name].prepare(path, commits)
+            code, calls = _recorded(SCENARIOS[name], path, commits, call, is_full)
+            if not any(one.what == 'f' for one in calls):
+                continue  # there were fewer
+            problem = _checked(SCENARIOS[name], path, commits, calls)
+        problem = problem if code in (0, _REFUSED) else f'ended with {code}'
+        made += 1
+        yield Try(f'{name} {commits}, {"full" if is_full else "error"} at {call}', problem)
 
 
 def map_power(count: int, seed: int, folder: Path) -> Iterator[Try]:
@@ -49,43 +53,31 @@ def map_power(count: int, seed: int, folder: Path) -> Iterator[Try]:
 
 
 def _cuts(draw: random.Random, folder: Path) -> Iterator[Try]:
-    while True:
+    for name, scenario in cycle(SCENARIOS.items()):
         commits = _commits(draw)
-        for name, scenario in SCENARIOS.items():
-            with tempfile.TemporaryDirectory(dir=folder) as scratch:
-                path = Path(scratch, 'map.db')
-                scenario.prepare(path, commits)
-                start = Disk(path.parent)
-                code, calls = _recorded(scenario, path, commits)
-                assert code == 0
-            for _ in range(_CUTS):
-                how = draw.choice(('power', 'kill', 'kill within'))
-                at, left = draw.randrange(len(calls)), deepcopy(start)
-                for call in calls[:at]:
-                    left.see(call)
-                if how == 'kill within' and calls[at].what == 'w':
-                    left.see(replace(calls[at], data=calls[at].data[: len(calls[at].data) // 2]))
-                left.cut(draw) if how == 'power' else left.kill()
-                path.parent.mkdir()
-                left.restore()
-                problem = _checked(scenario, path, commits, calls[:at])
-                shutil.rmtree(path.parent)
-                yield Try(f'{name} {commits}, {how} at {at} of {len(calls)} calls', problem)
+        with tempfile.TemporaryDirectory(dir=folder) as scratch:
+            path = Path(scratch, 'map.db')
+            scenario.prepare(path, commits)
+            start = Disk(path.parent)
+            code, calls = _recorded(scenario, path, commits)
+            assert code == 0
+        for _ in range(_CUTS):
+            how, at = draw.choice(('power', 'kill', 'kill within')), draw.randrange(len(calls))
+            left = deepcopy(start)
+            for call in calls[:at]:
+                left.see(call)
+            if how == 'kill within' and calls[at].what == 'w':
+                left.see(replace(calls[at], data=calls[at].data[: len(calls[at].data) // 2]))
+            left.cut(draw) if how == 'power' else left.kill()
+            path.parent.mkdir()
+            left.restore()
+            problem = _checked(scenario, path, commits, calls[:at])
+            shutil.rmtree(path.parent)
+            yield Try(f'{name} {commits}, {how} at {at} of {len(calls)} calls', problem)
 
 
 def _commits(draw: random.Random) -> Commits:
-    return (*(draw.randint(1, _MOST_PLACES) for _ in range(3)),)
-
-
-def _acted(
-    scenario: Scenario, commits: Commits, folder: Path, fails: int = 0, is_full: bool = False
-) -> tuple[int, str, list[Call]]:
-    """Let a scenario act in a new folder; return its exit code, the problem, and its calls."""
-    with tempfile.TemporaryDirectory(dir=folder) as scratch:
-        path = Path(scratch, 'map.db')
-        scenario.prepare(path, commits)
-        code, calls = _recorded(scenario, path, commits, fails, is_full)
-        return code, _checked(scenario, path, commits, calls), calls
+    return (*(draw.randint(2, _MOST_PLACES) for _ in range(3)),)
 
 
 def _recorded(

@@ -10,7 +10,9 @@ from pathlib import Path
 import shutil
 import tempfile
 import time
-from typing import Any
+from typing import Any, NoReturn
+
+import cv2
 
 from bench.torture.attack import Try
 from bench.torture.forked import BLOCKED_S, ended, MOST_BYTES, MOST_S
@@ -35,6 +37,7 @@ def fuzz(count: int, seed: int, folder: Path) -> Iterator[Try]:
         atheris.instrument_imports(include=['convseq_ros']),
     ):
         from bench.torture.decoders import decoders
+    cv2.setNumThreads(1)
     for name, decoder in decoders().items():
         yield fuzzed(name, decoder, count, seed, folder)
 
@@ -52,7 +55,7 @@ def fuzzed(name: str, decoder: Any, count: int, seed: int, folder: Path) -> Try:
         return Try(name, f'{end.problem}; {kept}')
 
 
-def _be_libfuzzer(decoder: Any, count: int, seed: int, folder: Path) -> int:
+def _be_libfuzzer(decoder: Any, count: int, seed: int, folder: Path) -> NoReturn:
     """Fuzz a decoder until it fails; libFuzzer then writes the input into the folder."""
     import atheris
 
@@ -81,7 +84,7 @@ def _be_libfuzzer(decoder: Any, count: int, seed: int, folder: Path) -> int:
         f'-artifact_prefix={folder}/crash-',
     ]
     atheris.Setup(['fuzz', *options, str(folder / 'samples')], once)
-    atheris.Fuzz()
+    atheris.Fuzz()  # which ends this process
 
 
 def _decode_once(decode: Callable[[bytes, Path], object], data: bytes, work: Path) -> None:

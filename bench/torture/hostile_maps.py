@@ -18,7 +18,7 @@ from convseq_ros.core.map.format import PAGE_BYTES, row_crc
 from convseq_ros.core.map.writer import save_map
 import cv2
 
-from bench.torture import corpus
+from bench import recordings
 from bench.torture.attack import Try
 from bench.torture.forked import ended
 from bench.torture.maps import crash, drawn, log_of
@@ -47,22 +47,20 @@ Change = Callable[[sqlite3.Connection, random.Random], None]
 
 def hostile_maps(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Repeatedly make a hostile map, and run a command with it in a fork."""
-    draw, drive, ways = random.Random(seed), folder / 'drive', [*_WAYS.items()]
+    draw, drive = random.Random(seed), folder / 'drive'
     cv2.setNumThreads(1)
-    drive.mkdir()
-    for index in range(3):
-        cv2.imwrite(str(drive / f'{index}.png'), corpus.gray(index))
+    recordings.write_pictures(drive, 3)
     with redirect_stdout(StringIO()):  # compile and import once, before the forks
         convseq(['build-map', str(drive), str(folder / 'warm.db'), *_SIZE])
     for number in range(count):
         with tempfile.TemporaryDirectory(dir=folder) as scratch:
             path = Path(scratch, 'map.db')
             save_map(drawn(_PLACES), path)
-            name, way = ways[number % len(ways)]
+            way = _WAYS[number % len(_WAYS)]
             way(path, draw)
             command, arguments = draw.choice([*_commands(path, drive).items()])
             problem = ended(lambda arguments=arguments: convseq(arguments)).problem
-            yield Try(f'{number}: {name}, {command}', problem)
+            yield Try(f'{number}: {command}', problem)
 
 
 def _commands(path: Path, drive: Path) -> dict[str, list[str]]:
@@ -156,13 +154,5 @@ def _beside(path: Path, draw: random.Random) -> None:
         path.write_bytes(data)
 
 
-_CHANGES: dict[str, Change] = {
-    **{f'value {number}': _value for number in range(8)},
-    **{f'setting {number}': _setting for number in range(3)},
-    'table of another': _table_of_another,
-}
-_WAYS: dict[str, Callable[[Path, random.Random], None]] = {
-    **{name: partial(_execute, change) for name, change in _CHANGES.items()},
-    'holes': _holes,
-    **{f'beside {number}': _beside for number in range(3)},
-}
+_CHANGES = *8 * [_value], *3 * [_setting], _table_of_another
+_WAYS = *(partial(_execute, change) for change in _CHANGES), _holes, *3 * [_beside]

@@ -10,8 +10,9 @@ import time
 
 from convseq_ros.core.map.reader import open_map
 
+from bench import recordings
 from bench.robot import greet, image, Robot, robot
-from bench.torture import corpus, disk
+from bench.torture import disk
 from bench.torture.attack import Try
 
 _ENDS = signal.SIGINT, signal.SIGTERM
@@ -70,7 +71,7 @@ def _with_frames(
         wanted = one.answers + frames
         for index in range(frames):
             stamp_ns = 10**18 + number * 10**11 + index * 10**8
-            one.camera.publish(image(corpus.gray(number * _MOST_FRAMES + index), stamp_ns))
+            one.camera.publish(image(recordings.gray(number * _MOST_FRAMES + index), stamp_ns))
             one.spin(period_s)
         if period_s == _PERIOD_S and not one.wait_for(lambda: one.answers >= wanted, _ANSWER_S):
             return name, f'{wanted - one.answers} frames are not answered', held

@@ -10,9 +10,7 @@ import re
 import subprocess
 import sys
 
-import cv2
-
-from bench.torture import corpus
+from bench import recordings
 from bench.torture.attack import Try
 from bench.torture.forked import ended
 
@@ -41,9 +39,7 @@ def odd_words(count: int, seed: int, folder: Path) -> Iterator[Try]:
     draw = random.Random(seed)
     os.chdir(folder)
     os.environ |= {'ROS_LOG_DIR': str(folder), 'PYTHONPATH': os.pathsep.join(sys.path)}
-    Path('drive').mkdir()
-    for number in range(3):
-        cv2.imwrite(f'drive/{number}.png', corpus.gray(number))
+    recordings.write_pictures(Path('drive'), 3)
     make = [*_CONVSEQ, 'build-map', 'drive', 'made.db']
     subprocess.run(make, check=True, stdout=subprocess.DEVNULL)
     for number in range(count):

@@ -42,10 +42,6 @@ def _some(path: Path, commits: Commits) -> None:
     save_map(drawn(commits[0]), path)
 
 
-def _some_more(path: Path, commits: Commits) -> None:
-    save_map(drawn(commits[0] + 1), path)
-
-
 def _crashed(path: Path, commits: Commits) -> None:
     """Create a map after a crash in the middle of a commit, with its committed places."""
     crash(path, commits[0], commits[0] + commits[1])
@@ -87,7 +83,7 @@ def _unlink(path: Path, commits: Commits) -> None:
 
 def _remove(path: Path, commits: Commits) -> None:
     slices = slices_of(path)
-    left = joined(without(slices, {commits[0]}))
+    left = joined(without(slices, {commits[0] - 1}))
     write_new(left, path, instead=slices[0].reference_map)
     acknowledge(1)
 
@@ -162,6 +158,6 @@ SCENARIOS = {
     'grow after a crash': Scenario(_crashed, _grow, _goes_on),
     'save over a crash': Scenario(_crashed, _save, _old_or_new),
     'unlink': Scenario(_some, _unlink, _old_or_new),
-    'remove': Scenario(_some_more, _remove, _old_or_new),
+    'remove': Scenario(_some, _remove, _old_or_new),
     'result table': Scenario(_older, _tabulate, _old_or_new),
 }
