@@ -13,7 +13,7 @@ import tempfile
 import time
 from typing import Any
 
-from convseq_ros.core.compiled import array, available, kernel, library, numbers, SIZE
+from convseq_ros.core.compiled import Array, available, kernel, library, numbers, SIZE
 from convseq_ros.evaluation.provenance import provenance
 import numpy as np
 
@@ -88,7 +88,7 @@ def int8_peak() -> float | None:
     """Return the GOP/s of one core for bytes in registers; None without kernels."""
     if not available():
         return None
-    run, result = kernel('peak', SIZE, array('i4')), np.empty(1, np.int32)
+    run, result = kernel('peak', SIZE, Array('i4')), np.empty(1, np.int32)
     products = 2 * numbers('shape', 2)[1]  # four per column, of one vector of two
     operations = 2 * products * _ACCUMULATORS * _LOOPS
     return _most_a_second(lambda: run(_LOOPS, result), operations)

@@ -10,7 +10,6 @@ import re
 import runpy
 import sys
 import sysconfig
-import types
 
 from convseq_ros import errors
 from convseq_ros.cli import COMMANDS, NODES
@@ -21,6 +20,7 @@ from convseq_ros.core.types import Reason
 from convseq_ros.errors import ConfigError
 from programs import run
 import pytest
+from recorded_launch import generator_of, record_launch
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = (REPOSITORY / 'README.md').read_text(encoding='utf-8')
@@ -130,19 +130,6 @@ def test_the_python_of_the_readme_runs():
     assert result.stdout.splitlines()[-1] == 'accepted 29'
 
 
-# Launch: `ros2 launch` cannot be had here, so its parts are replaced by what records the calls.
-
-
-class Recorded:
-    def __init__(self, *args, **kwargs):
-        self.args, self.kwargs = args, kwargs
-
-
-class Configuration(Recorded):
-    def perform(self, context):
-        return context[self.args[0]]
-
-
 class IncludeLaunchDescription:
     """What `ros2 launch` and launch files include ours with."""
 
@@ -156,32 +143,13 @@ class IncludeLaunchDescription:
 @pytest.fixture
 def launched(monkeypatch):
     """Return what makes the node of the launch file from the words of a command line."""
-    names = {
-        'ament_index_python.packages': {'get_package_share_directory': lambda _: '/share'},
-        'launch': {'LaunchDescription': Recorded},
-        'launch.actions': {'DeclareLaunchArgument': Recorded, 'OpaqueFunction': Recorded},
-        'launch.substitutions': {'LaunchConfiguration': Configuration},
-        'launch_ros.actions': {'Node': Recorded},
-        'launch_ros.parameter_descriptions': {
-            'ParameterValue': lambda value, value_type: value_type(value)
-        },
-    }
-    for name, content in names.items():
-        module = types.ModuleType(name)
-        module.__dict__.update(content)
-        monkeypatch.setitem(sys.modules, name, module)
-        monkeypatch.setitem(sys.modules, name.partition('.')[0], module)
-    monkeypatch.setitem(sys.modules, 'launch', sys.modules['launch'])
+    record_launch(monkeypatch, '/share')
 
     def make(command, **others):
         """`others` are arguments of a launch file that includes ours."""
-        path = REPOSITORY / 'launch' / 'vpr.launch.py'
-        for name, content in names.items():
-            sys.modules[name].__dict__.update(content)
-        namespace = {'__file__': str(path)}
-        exec(compile(path.read_text(), str(path), 'exec'), namespace)
+        generate = generator_of(REPOSITORY / 'launch' / 'vpr.launch.py')
         including = IncludeLaunchDescription(command.split())
-        *arguments, start = including.execute(namespace['generate_launch_description']).args[0]
+        *arguments, start = including.execute(generate).args[0]
         context = {one.args[0]: one.kwargs['default_value'] for one in arguments}
         context |= dict(including.launch_arguments)
         node, *beside = start.kwargs['function'](context | others, *start.kwargs['args'])

@@ -4,55 +4,45 @@
 
 from pathlib import Path
 import runpy
-import sys
-import types
 
 from convseq_ros.errors import ConfigError
 import pytest
+from recorded_launch import generator_of, record_launch
 
 LAUNCH = Path(__file__).resolve().parents[1] / 'launch' / 'slam.launch.py'
-SHARE = LAUNCH.parents[1]
-
-
-class Recorded:
-    def __init__(self, *args, **kwargs):
-        self.args, self.kwargs = args, kwargs
-
-
-class Configuration(Recorded):
-    def perform(self, context):
-        return context.get(self.args[0], self.kwargs.get('default', ''))
 
 
 @pytest.fixture
 def launched(monkeypatch):
     """Return what makes the included file's arguments and the nodes of given arguments."""
-    names = {
-        'ament_index_python.packages': {'get_package_share_directory': lambda _: str(SHARE)},
-        'launch': {'LaunchDescription': Recorded},
-        'launch.actions': dict.fromkeys(
-            ('DeclareLaunchArgument', 'IncludeLaunchDescription', 'OpaqueFunction'), Recorded
-        ),
-        'launch.launch_description_sources': {'PythonLaunchDescriptionSource': Path},
-        'launch.substitutions': {'LaunchConfiguration': Configuration},
-        'launch_ros.actions': {'Node': Recorded},
-        'launch_ros.parameter_descriptions': {'ParameterValue': lambda text, **_type: text},
-    }
-    for name, content in names.items():
-        module = types.ModuleType(name)
-        module.__dict__.update(content)
-        monkeypatch.setitem(sys.modules, name, module)
+    record_launch(monkeypatch, str(LAUNCH.parents[1]))
 
     def make(**given):
-        namespace = {'__file__': str(LAUNCH)}
-        exec(compile(LAUNCH.read_text(), str(LAUNCH), 'exec'), namespace)
-        *declared, include, function = namespace['generate_launch_description']().args[0]
+        *declared, include, function = generator_of(LAUNCH)().args[0]
         context = {one.args[0]: one.kwargs['default_value'] for one in declared} | given
         passed = {
             name: value.perform(context) for name, value in include.kwargs['launch_arguments']
         }
         assert include.args[0] == LAUNCH.with_name('vpr.launch.py')
         return passed, [node.kwargs for node in function.kwargs['function'](context)]
+
+    return make
+
+
+@pytest.fixture
+def vpr(launched):
+    """Return the names of the included launch file."""
+    return runpy.run_path(str(LAUNCH.with_name('vpr.launch.py')))
+
+
+@pytest.fixture
+def started(vpr):
+    """Return a function that returns how the included file makes the node."""
+
+    def make(**given):
+        names = [*vpr['TOPICS'], *vpr['OTHERS'], *vpr['PARAMETERS']]
+        (node,) = vpr['_nodes'](dict.fromkeys(names, '') | given, [])
+        return node.kwargs
 
     return make
 
@@ -78,44 +68,35 @@ def test_the_graph_lies_beside_the_map_and_its_parameters_are_arguments(launched
     assert graph['remappings'] == [('odom', '/wheels')] and graph['namespace'] == 'robot1'
 
 
-def test_rviz_shows_the_corrected_path_in_the_namespace(launched):
-    launched()
-    vpr = runpy.run_path(str(LAUNCH.with_name('vpr.launch.py')))
+def test_rviz_shows_the_corrected_path_in_the_namespace(vpr):
     text = Path(vpr['_layout']('/robot1')).read_text()
     assert '/robot1/vpr_node/markers' in text and '/robot1/pose_graph_node/path' in text
     assert ' /vpr_node/' not in text and ' /pose_graph_node/' not in text
 
 
-def test_a_camera_gives_its_topics_and_what_is_given_besides_wins(launched):
+def test_a_camera_gives_its_topics_and_what_is_given_besides_wins(launched, started):
     _, (graph,) = launched(camera='zed')
     assert graph['remappings'] == []  # it follows the odometry of vpr_node
-    vpr = runpy.run_path(str(LAUNCH.with_name('vpr.launch.py')))
 
-    def started(**given):
-        names = [*vpr['TOPICS'], *vpr['OTHERS'], *vpr['PARAMETERS']]
-        (node,) = vpr['_nodes'](dict.fromkeys(names, '') | given, [])
-        return dict(node.kwargs['remappings']), node.kwargs['parameters'][1]
+    def told(**given):
+        node = started(**given)
+        return dict(node['remappings']), node['parameters'][1]
 
-    topics, parameters = started(camera='zed', odom='/wheels')
+    topics, parameters = told(camera='zed', odom='/wheels')
     assert topics == {
         'image': 'zed/zed_node/rgb/color/rect/image',
         'camera_info': 'zed/zed_node/rgb/color/rect/camera_info',
         'odom': '/wheels',
     }
     assert parameters['depth_topic'] == 'zed/zed_node/depth/depth_registered'
-    assert started() == ({}, {'use_sim_time': False})
+    assert told() == ({}, {'use_sim_time': False})
     with pytest.raises(ConfigError, match=r"no such camera 'relsense'; did you mean realsense\?"):
         started(camera='relsense')
 
 
-def test_the_papers_method_is_one_argument(launched):
-    launched()
-    vpr = runpy.run_path(str(LAUNCH.with_name('vpr.launch.py')))
-    names = [*vpr['TOPICS'], *vpr['OTHERS'], *vpr['PARAMETERS']]
-
+def test_the_papers_method_is_one_argument(started):
     def files(method):
-        (node,) = vpr['_nodes'](dict.fromkeys(names, '') | {'method': method}, [])
-        return [Path(one).name for one in node.kwargs['parameters'][:-1]][1:]
+        return [Path(one).name for one in started(method=method)['parameters'][:-1]][1:]
 
     assert (files('paper'), files('')) == (['paper.yaml'], [])
     with pytest.raises(ConfigError, match=r"no such method 'papr'; did you mean paper\?"):

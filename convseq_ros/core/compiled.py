@@ -101,10 +101,10 @@ _module = cache(import_module)
 
 
 class Array:
-    """An argument type of a kernel: a C-contiguous array or None; else TypeError."""
+    """An argument type of a kernel: a C-contiguous array of a data type, or None; or TypeError."""
 
-    def __init__(self, dtype: np.dtype[Any]) -> None:
-        self._dtype = dtype
+    def __init__(self, dtype: str) -> None:
+        self._dtype = np.dtype(dtype)
 
     def from_param(self, given: Any) -> ctypes.c_void_p:
         """Return the address of an array as an argument; a null pointer for None."""
@@ -121,11 +121,6 @@ def address(given: Any) -> int:
         return ctypes.addressof(ctypes.c_char.from_buffer(given))
     except (TypeError, ValueError):  # the array is read-only or empty
         return int(given.ctypes.data)
-
-
-def array(dtype: Any) -> Array:
-    """Return the argument type of C-contiguous arrays with a data type."""
-    return Array(np.dtype(dtype))
 
 
 def kernel(name: str, *arguments: Any) -> Callable[..., None]:

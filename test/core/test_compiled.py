@@ -131,7 +131,7 @@ def test_a_signal_while_an_argument_is_looked_at_is_no_wrong_argument():
         def dtype(self):
             raise KeyboardInterrupt
 
-    peak = compiled.kernel('peak', compiled.SIZE, compiled.array('i4'))
+    peak = compiled.kernel('peak', compiled.SIZE, compiled.Array('i4'))
     with pytest.raises(KeyboardInterrupt):
         peak(1, Interrupted())
     with pytest.raises(ctypes.ArgumentError, match='expected contiguous int32'):

@@ -56,7 +56,8 @@ def describe(gray: Gray, config: EncodingConfig = EncodingConfig()) -> Descripto
     cells = cell_histograms(resized, visible)
     cells[~visible], by_cell[~visible] = 0, HOG.hidden_bits
     salient = salient_regions(by_cell, config.saliency_threshold)
-    return Descriptor(cells, salient, by_cell, image_entropy(by_cell[visible]))
+    entropy = float(by_cell[visible].mean()) / ENTROPY.max_bits
+    return Descriptor(cells, salient, by_cell, entropy)
 
 
 @cache
@@ -139,11 +140,6 @@ def cell_entropies(gray: Gray, cells: int, interpolation: int = cv2.INTER_LINEAR
     enlarged = _enlarged_means(gray.shape[0], cells)
     bits = enlarged @ local_entropy(gray, interpolation) @ enlarged.T
     return np.rint(bits / ENTROPY.resolution) * ENTROPY.resolution
-
-
-def image_entropy(bits: Doubles) -> float:
-    """Return the mean of an entropy image, or of its cells, as a share of 8 bits, in [0, 1]."""
-    return float(bits.mean()) / ENTROPY.max_bits
 
 
 @cache

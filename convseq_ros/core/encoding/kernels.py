@@ -4,17 +4,17 @@
 
 from functools import cache
 
-from convseq_ros.core.compiled import array, INT, kernel, SIZE
+from convseq_ros.core.compiled import Array, INT, kernel, SIZE
 from convseq_ros.core.encoding.regions import Cells, projection, Regions, regions_in_a_row
 from convseq_ros.core.types import Doubles, Floats, Gray, Indices
 import numpy as np
 import numpy.typing as npt
 
 _disk_sums = kernel(
-    'disk_sums', array('u2'), array('i8'), SIZE, array('f8'), SIZE, SIZE, array('f8')
+    'disk_sums', Array('u2'), Array('i8'), SIZE, Array('f8'), SIZE, SIZE, Array('f8')
 )
-_histograms = kernel('histograms', array('u1'), SIZE, array('f8'), array('f4'))
-_project = kernel('project', array('f4'), SIZE, INT, array('f4'), array('f4'), array('f4'))
+_histograms = kernel('histograms', Array('u1'), SIZE, Array('f8'), Array('f4'))
+_project = kernel('project', Array('f4'), SIZE, INT, Array('f4'), Array('f4'), Array('f4'))
 
 
 def disk_sums(

@@ -4,7 +4,7 @@
 
 from collections.abc import Sequence
 
-from convseq_ros.core.compiled import address, array, DOUBLE, FLOAT, kernel, SIZE
+from convseq_ros.core.compiled import address, Array, DOUBLE, FLOAT, kernel, SIZE
 from convseq_ros.core.encoding.regions import Regions
 from convseq_ros.core.geometry.displacement import Displacements, FIELD, PackedRegions, weights
 from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
@@ -13,14 +13,14 @@ from convseq_ros.core.types import Doubles
 import numpy as np
 import numpy.typing as npt
 
-_WORDS, _FLOATS, _DOUBLES, _WHOLES = array('i4'), array('f4'), array('f8'), array('i8')
+_WORDS, _FLOATS, _DOUBLES, _WHOLES = Array('i4'), Array('f4'), Array('f8'), Array('i8')
 _arrange = kernel('arrange', _FLOATS, SIZE, FLOAT, _WORDS)
 _displacements = kernel(
     'displacements', _WORDS, _WORDS, SIZE, SIZE, SIZE, FLOAT, _FLOATS, FLOAT, _FLOATS, _WHOLES
 )
 _fit_motion = kernel('fit_motion', _FLOATS, SIZE, SIZE, DOUBLE, SIZE, DOUBLE, _DOUBLES, _DOUBLES)
 _verify = kernel(
-    'verify', _WORDS, array('u8'), SIZE, SIZE, _WHOLES, FLOAT, _FLOATS, FLOAT, DOUBLE, SIZE,
+    'verify', _WORDS, Array('u8'), SIZE, SIZE, _WHOLES, FLOAT, _FLOATS, FLOAT, DOUBLE, SIZE,
     DOUBLE, _DOUBLES,
 )  # fmt: skip
 _align = kernel(

@@ -116,11 +116,8 @@ class Settings:
         except (KeyError, TypeError, AttributeError, RecursionError, ConfigError) as error:
             raise ValueError(f'settings: {error}') from error
 
-    def mismatch(
-        self, encoding: EncodingConfig | None, keyframes: KeyframeConfig | None
-    ) -> str | None:
+    def mismatch(self, wanted: EncodingConfig, keyframes: KeyframeConfig | None) -> str | None:
         """Return why other settings do not fit this map, with both values; None if they do."""
-        wanted = encoding or self.encoding
         if wanted.image_mask not in ('', self.encoding.image_mask):
             return 'made with another image_mask; leave it out, or build the map again'
         if line := self._other_model(wanted, grows=keyframes is not None):

@@ -14,7 +14,7 @@ from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.keypoints import BYTES, detect, StoredKeypoints
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import without_path
-from convseq_ros.core.graph.links import Links, SessionBounds
+from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.depth_coding import Depths, packed_depths, unpacked_depths
 from convseq_ros.core.map.format import MapSession
@@ -56,6 +56,7 @@ class ReferenceMap:
         self.map_id, self.sessions = map_id or str(uuid4()), [*sessions]
         self.cell_shape = cell_shape(encoding.image_size_px)
         self.places = Places(vector_length(encoding)) if places is None else places
+        self.bounds = self.places.bounds  # where its sessions begin
         self._read_pictures, self._stored = read_pictures, len(self.places)
         self._in_memory: list[Picture] = []
         self._moving = Lock()
@@ -72,11 +73,6 @@ class ReferenceMap:
 
     def __len__(self) -> int:
         return len(self.places)
-
-    @property
-    def bounds(self) -> SessionBounds:
-        """Where its sessions begin."""
-        return self.places.bounds
 
     @property
     def is_linked(self) -> bool:
@@ -191,15 +187,10 @@ class ReferenceMap:
             if self.on_loss is None:
                 raise
             self.on_loss(error)
-        return [self._picture_or_blank(index) for index in indices]
-
-    def _picture_or_blank(self, index: int) -> Picture:
-        try:
-            return self.pictures([index])[0]
-        except MapError:
-            has_cells = self.encoding.keeps_cells
-            packed = np.zeros(self.cell_shape, np.float16) if has_cells else NO_CELLS
-            return Picture(packed)
+        if len(indices) > 1:
+            return [self._pictures_or_blank([index])[0] for index in indices]
+        has_cells = self.encoding.keeps_cells
+        return [Picture(np.zeros(self.cell_shape, np.float16) if has_cells else NO_CELLS)]
 
     def image(self, index: int, max_mpx: float) -> Gray | None:
         """Return the image of a place; None if none was kept, or it cannot be decoded."""
@@ -214,22 +205,25 @@ class ReferenceMap:
 
     def keypoints(self, index: int) -> StoredKeypoints | None:
         """Return the keypoints (n, 34) of a place; None if none were kept, or they are damaged."""
-        try:
-            kept = self.pictures([index])[0].keypoints
-            return np.frombuffer(kept, np.uint8).reshape(-1, BYTES) if kept else None
-        except (MapError, ValueError) as error:
-            self.unreadable += 1
-            self.unreadable_why = f'keypoints of reference {index}: {error}'
-            return None
+
+        def decode(kept: Picture) -> StoredKeypoints | None:
+            stored = np.frombuffer(kept.keypoints, np.uint8).reshape(-1, BYTES)
+            return stored if len(stored) else None
+
+        return self._decoded('keypoints', index, decode, with_images=False)
 
     def depths(self, index: int) -> Depths | None:
         """Return the depths of a place's regions; None if there are none, or they are damaged."""
         cells = self.cell_shape[0]
         return self._decoded('depth', index, lambda kept: unpacked_depths(kept.depths, cells))
 
-    def _decoded(self, what: str, index: int, decode: Callable[[Picture], Any]) -> Any:
+    def _decoded(
+        self, what: str, index: int, decode: Callable[[Picture], Any], with_images: bool = True
+    ) -> Any:
+        if with_images and not self.keeps_images:
+            return None
         try:
-            return decode(*self.pictures([index], True)) if self.keeps_images else None
+            return decode(*self.pictures([index], with_images))
         except (MapError, ValueError, cv2.error) as error:
             self.unreadable += 1
             self.unreadable_why = f'kept {what} of reference {index}: {error}'

@@ -9,7 +9,7 @@ This removes what night, season or surroundings do to every image.
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from convseq_ros.core.compiled import array, available, kernel, SIZE
+from convseq_ros.core.compiled import Array, available, kernel, SIZE
 from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.map.arrays import GrowingArray
@@ -18,7 +18,7 @@ import numpy as np
 
 _AT_ONCE = 4096  # rows that are converted to float32 at once, for 4 MB of memory
 _PADDED = 16  # the length of vectors is padded to a multiple of this
-_products = kernel('products', array('f2'), SIZE, SIZE, array('f4'), array('f4'))  # kernels.c
+_products = kernel('products', Array('f2'), SIZE, SIZE, Array('f4'), Array('f4'))  # kernels.c
 
 
 def products(rows: Halves, direction: Floats) -> Floats:
@@ -57,11 +57,6 @@ class Statistics:
 
     mean: Floats
     variance: Floats
-
-    def direction(self, away: Doubles, variance: Doubles) -> Floats:
-        """Return the whitened direction (n,) of a query, given its offset from the mean."""
-        whitened = unit(away / variance**COARSE.power)
-        return np.asarray(whitened / self.variance**COARSE.power, np.float32)
 
 
 class WhitenedReferences:
@@ -138,4 +133,5 @@ class DriveMean:
         away = query - past / (self._frames + COARSE.prior_frames)
         # The variance times the number of frames: the factor does not change a direction.
         variance = squares - total**2 / self._frames + COARSE.prior * usual.variance
-        return usual.direction(away, variance)
+        whitened = unit(away / variance**COARSE.power)
+        return np.asarray(whitened / usual.variance**COARSE.power, np.float32)

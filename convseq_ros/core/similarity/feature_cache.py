@@ -21,16 +21,12 @@ _AT_ONCE = 8  # references in a batch; measured: fewer cost more calls, more lea
 _READ_AT_ONCE = 256  # references that are read at once, for 8 MB of cells
 
 
-def usable_cores(cgroups: Path = Path('/sys/fs/cgroup')) -> int:
+def usable_cores(cgroup: Path = Path('/sys/fs/cgroup/cpu.max')) -> int:
     """Return how many cores this process may use, by its affinity and its cgroup's quota."""
     cores = len(os.sched_getaffinity(0))
-    for name in ('cpu.max', 'cpu/cpu.cfs_quota_us'):  # cgroup 2, then 1
-        with suppress(OSError, ValueError):
-            quota, *period = (cgroups / name).read_text(encoding='ascii').split()
-            if not period:
-                period = (cgroups / 'cpu/cpu.cfs_period_us').read_text(encoding='ascii').split()
-            if int(quota) > 0:  # -1 and 'max', which raises ValueError, are no quota
-                return max(1, min(cores, int(quota) // int(period[0])))
+    with suppress(OSError, ValueError):  # the text 'max' is no quota
+        quota, period = map(int, cgroup.read_text(encoding='ascii').split())
+        return max(1, min(cores, quota // period))
     return cores
 
 

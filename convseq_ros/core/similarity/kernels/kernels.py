@@ -10,7 +10,7 @@ from typing import Any
 
 from convseq_ros.core.compiled import (
     address,
-    array,
+    Array,
     DOUBLE,
     FLOAT,
     INT,
@@ -56,7 +56,7 @@ _MARGIN = 8  # of a grid of votes, as in coherent.c
 # pairs of scales these err least, .0012 at most, on real images with noise at 3 % of the light.
 _PAPER_SCALES, _PAPER_ORIGIN = (124.0, 251.0), 127
 
-_BYTES, _WORDS, _FLOATS, _ADDRESSES = array('i1'), array('i4'), array('f4'), array('u8')
+_BYTES, _WORDS, _FLOATS, _ADDRESSES = Array('i1'), Array('i4'), Array('f4'), Array('u8')
 _normalize = kernel('normalize', _FLOATS, SIZE, FLOAT, FLOAT, DOUBLE, _FLOATS)
 _subtract = kernel('subtract', _FLOATS, _FLOATS, SIZE, SIZE, _FLOATS)
 _pack_reference = kernel('pack_reference', _FLOATS, SIZE, FLOAT, INT, _BYTES)
@@ -66,10 +66,10 @@ _prepare = kernel(
     _FLOATS, SIZE, FLOAT, SIZE, _ADDRESSES, _BYTES,
 )  # fmt: skip
 _lateral_products = kernel(
-    'lateral_products', _FLOATS, SIZE, SIZE, _ADDRESSES, SIZE, SIZE, array('f8')
+    'lateral_products', _FLOATS, SIZE, SIZE, _ADDRESSES, SIZE, SIZE, Array('f8')
 )
 _of_coherent = (
-    _WORDS, _WORDS, SIZE, SIZE, SIZE, _WORDS, _WORDS, array('f8'), _ADDRESSES, SIZE, array('f8'),
+    _WORDS, _WORDS, SIZE, SIZE, SIZE, _WORDS, _WORDS, Array('f8'), _ADDRESSES, SIZE, Array('f8'),
 )  # fmt: skip
 _of_regional = (
     _WORDS, SIZE, SIZE, DOUBLE, DOUBLE, DOUBLE, SIZE, _ADDRESSES, SIZE, _FLOATS,
