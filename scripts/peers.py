@@ -29,7 +29,8 @@ from convseq_ros.cli.options import progress
 from convseq_ros.config import Config, make_config
 from convseq_ros.evaluation.data_set import DataSet, open_data_set, Part, TruthSource
 from convseq_ros.evaluation.material import Material, open_material
-from convseq_ros.evaluation.methods import make_method, parse_method
+from convseq_ros.evaluation.method_name import parse_method
+from convseq_ros.evaluation.methods import make_method
 from convseq_ros.evaluation.protocols import ONLINE, OPEN, Outcome, run_protocol
 from convseq_ros.evaluation.scorecard import first_closures, judge, Verdicts
 from convseq_ros.evaluation.truth import Truth

@@ -11,7 +11,8 @@ from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation import run_folder
 from convseq_ros.evaluation.data_set import DataSet
 from convseq_ros.evaluation.material import Material, open_material
-from convseq_ros.evaluation.methods import make_method, Method, MethodName, parse_method
+from convseq_ros.evaluation.method_name import MethodName, parse_method
+from convseq_ros.evaluation.methods import make_method, Method
 from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, run_protocol, VERSION
 from convseq_ros.evaluation.provenance import provenance
 from convseq_ros.evaluation.scorecard import add_pcu, judge, summarize, Summary, threshold_figures
@@ -108,8 +109,8 @@ def _measure_set(
             report(f'{name}: {method.name.label}')
             own.append(_measure(material, method, protocol, output / name, plan))
         add_pcu(own)
-        for summary in own:
-            run_folder.write_summary(output / name / summary['method'], summary)
+        for summary in own:  # with it, the run of a method is complete
+            run_folder.write_json(output / name / summary['method'] / 'summary.json', summary)
         summaries += own
     return summaries
 

@@ -12,7 +12,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import Descriptor, Indices, Match, Row, Shift
-from convseq_ros.evaluation.material import Drive
+from convseq_ros.evaluation.drive import Drive
 from convseq_ros.evaluation.recognition import overridden, Scores
 import numpy as np
 import numpy.typing as npt

@@ -1,28 +1,17 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The input of every method: images, encodings and the ground truth of a data set."""
+"""The input of every method: both drives of a data set, and their ground truth."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
-import hashlib
-import json
-from pathlib import Path
-import time
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
-from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, KeyframeConfig
+from convseq_ros.config import EncodingConfig
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.core.encoding.brightness import brightness
-from convseq_ros.core.encoding.descriptor import blank_descriptor, describe, visible_cells
-from convseq_ros.core.encoding.first_stage import FirstStage, identity_of
-from convseq_ros.core.encoding.keypoints import detect
-from convseq_ros.core.encoding.view import upright
-from convseq_ros.core.map.image_coding import thumbnail
-from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.data_set import DataSet, Part
+from convseq_ros.evaluation.drive import describe_drive, Drive
+from convseq_ros.evaluation.images import Images
 from convseq_ros.evaluation.truth import (
     from_pairs,
     past_only,
@@ -32,153 +21,12 @@ from convseq_ros.evaluation.truth import (
     Truth,
     within_radius,
 )
-from convseq_ros.models.onnx_model import open_model
-from convseq_ros.sources import open_source
-from convseq_ros.sources.folder import pictures_in
 from convseq_ros.sources.pose_track import PoseTrack
 from convseq_ros.sources.recording import read_poses
 import numpy as np
 import numpy.typing as npt
 
-
-@dataclass(frozen=True)
-class Images:
-    """The images of a drive, which can be read repeatedly."""
-
-    part: Part  # location
-    reading: ReadingConfig = ReadingConfig()  # size limits
-
-    @cached_property
-    def sha256(self) -> str:
-        """Digest of the images (see `content_digest`), or of the settings of drawn images."""
-        if self.part.simulated:
-            facts = json.dumps(asdict(self.part.simulated), sort_keys=True)
-            return hashlib.sha256(facts.encode()).hexdigest()
-        try:
-            return content_digest(self.part.path)
-        except OSError as error:
-            raise SourceError(f'{self.part.path}: {error.strerror}; check the path') from None
-
-    @property
-    def in_color(self) -> 'Images':
-        """The same images in colour."""
-        return replace(self, reading=replace(self.reading, keeps_color=True))
-
-    def __iter__(self) -> Iterator[Frame]:
-        part = self.part
-        source = part.simulated or open_source(part.path, part.topic, self.reading)
-        if not part.backwards:
-            yield from source
-            return
-        frames = list(source)
-        first_ns, step_ns = frames[0].stamp_ns, 0
-        if len(frames) > 1:
-            step_ns = frames[1].stamp_ns - first_ns
-        for index, frame in enumerate(reversed(frames)):
-            yield replace(frame, stamp_ns=first_ns + index * step_ns)
-
-
-@dataclass(frozen=True)
-class Drive:
-    """The descriptors of a drive's images; entry i belongs to frame i."""
-
-    encoding: EncodingConfig
-    stamps_ns: Sequence[int]
-    names: Sequence[str]  # file name or topic
-    readable: Sequence[bool]  # whether the image could be decoded
-    descriptors: Sequence[Descriptor]  # blank for an unreadable image
-    encode_ms: float  # median time to describe an image
-    thumbnails: Sequence[bytes] = ()  # JPEG; empty for an unreadable image
-
-    def __len__(self) -> int:
-        return len(self.stamps_ns)
-
-    @cached_property
-    def informative(self) -> npt.NDArray[np.bool_]:
-        """Flags of the informative frames, (N,)."""
-        return np.array([item.informative for item in self.descriptors], np.bool_)
-
-    @property
-    def described(self) -> Iterator[tuple[Frame, Descriptor | None]]:
-        """Frames without images, with their descriptors; None for an unreadable image."""
-        columns = self.stamps_ns, self.readable, self.descriptors
-        for stamp_ns, readable, descriptor in zip(*columns, strict=True):
-            yield Frame(stamp_ns, None), descriptor if readable else None
-
-    @cached_property
-    def reference_map(self) -> ReferenceMap:
-        """The drive as a map without poses; unreadable frames become blank places."""
-        reference_map = ReferenceMap(self.encoding, keyframes=EVERY_FRAME)
-        for index, descriptor in enumerate(self.descriptors):
-            frame = Frame(self.stamps_ns[index], None, self.names[index])
-            small = self.thumbnails[index] if self.thumbnails else b''
-            reference_map.add_frame(frame, descriptor, small=small)
-        return reference_map
-
-
-def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
-    """Return the described drive; uses the descriptor model of the encoding, if there is one."""
-    model = open_model(Config(encoding=encoding, reading=images.reading))
-    blank = blank_descriptor(encoding)
-    if model:
-        encoding = replace(encoding, descriptor_model=identity_of(model))
-        images = images.in_color if model.wants_color else images
-        blank = replace(blank, vector=np.zeros(model.numbers, np.float16))
-    first_stage = FirstStage(model, encoding)
-    kept = KeyframeConfig()
-    visible = visible_cells(encoding.image_mask, blank.cells.shape[0])
-    stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
-    thumbnails: list[bytes] = []
-    for raw in images:
-        frame = upright(raw, encoding)
-        started = time.perf_counter()
-        if frame.gray is None:
-            descriptors.append(blank)
-        else:
-            descriptor = first_stage.add(frame, describe(frame.gray, encoding))
-            durations.append((time.perf_counter() - started) * 1e3)
-            corners = detect(frame.gray, visible, kept.keypoints)
-            light = brightness(frame.gray)
-            descriptors.append(replace(descriptor, keypoints=corners, brightness=light))
-        gray = frame.gray
-        thumbnails.append(b'' if gray is None else thumbnail(gray, kept.thumbnail_width_px))
-        stamps_ns.append(frame.stamp_ns)
-        names.append(frame.source)
-        readable.append(frame.gray is not None)
-    if not durations:
-        raise SourceError(f'{images.part}: none of its {len(names)} images can be read')
-    encode_ms = float(np.median(durations))
-    return Drive(encoding, stamps_ns, names, readable, descriptors, encode_ms, thumbnails)
-
-
-def described(
-    frames: Iterable[Frame], describe: Callable[[npt.NDArray[np.uint8]], Any]
-) -> tuple[list[Any], float]:
-    """Return a descriptor per image, None if unreadable, and the median time in ms."""
-    rows, durations_ms = [], []
-    for frame in frames:
-        started = time.perf_counter()
-        image = frame.gray if frame.color is None else frame.color
-        rows.append(None if image is None else describe(image))
-        durations_ms.append((time.perf_counter() - started) * 1e3)
-    return rows, float(np.median(durations_ms))
-
-
-def content_digest(path: Path) -> str:
-    """
-    Return the SHA-256 of the list of images in a folder, or of a single file.
-
-    The list has a line per file, in frame order, as `sha256sum` prints it: the SHA-256 of the
-    content, two spaces, the name. A folder without images is listed with all its files.
-    """
-    images = [path] if path.is_file() else pictures_in(path)
-    files = images or sorted(file_path for file_path in path.iterdir() if file_path.is_file())
-    lines = hashlib.sha256()
-    for file_path in files:
-        with file_path.open('rb') as file:
-            content = hashlib.file_digest(file, 'sha256').hexdigest()
-        lines.update(f'{content}  {file_path.name}\n'.encode())
-    return lines.hexdigest()
+Made = TypeVar('Made')
 
 
 @dataclass(frozen=True)
@@ -196,11 +44,13 @@ class Material:
     def drives(self, encoding: EncodingConfig) -> tuple[Drive, Drive]:
         """Return the described query and reference."""
         if encoding not in self._drives:
-            query = describe_drive(self.query, encoding)
-            own_past = self.reference == self.query
-            reference = query if own_past else describe_drive(self.reference, encoding)
-            self._drives[encoding] = query, reference
+            self._drives[encoding] = self.each(lambda images: describe_drive(images, encoding))
         return self._drives[encoding]
+
+    def each(self, make: Callable[[Images], Made]) -> tuple[Made, Made]:
+        """Return what is made of query and reference: of equal ones, made once."""
+        query = make(self.query)
+        return query, query if self.reference == self.query else make(self.reference)
 
 
 def open_material(

@@ -6,11 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.util import find_spec
-import math
-from pathlib import Path, PurePath
-import re
+from pathlib import Path
 import time
-from typing import TypeVar
 
 from convseq_ros.baselines import seqslam
 from convseq_ros.baselines.local_features import ROWS
@@ -24,7 +21,9 @@ from convseq_ros.errors import ConfigError, pip_install
 from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.given_files import read_descriptors, read_scores
 from convseq_ros.evaluation.given_scores import PairScores
-from convseq_ros.evaluation.material import described, Images, Material
+from convseq_ros.evaluation.images import described, Images
+from convseq_ros.evaluation.material import Material
+from convseq_ros.evaluation.method_name import MethodName
 from convseq_ros.evaluation.recognition import (
     After,
     alone,
@@ -39,54 +38,12 @@ import numpy.typing as npt
 
 Gray = npt.NDArray[np.uint8]
 Vectors = npt.NDArray[np.float32]  # (N, n), a descriptor an image
-Number = TypeVar('Number', int, float)
 # The recogniser takes the scores of a baseline, and accepts every best candidate.
 _GIVEN: Mapping[str, Value] = {
     'matching': 'regional',
     'search': 'exhaustive',
     'acceptance_rule': 'always',
 }
-
-
-_PATTERN = re.compile(
-    r'(?:(?P<label>[\w.-]+)=)?(?P<kind>[a-z]+(?:-[a-z]+)?)(?:-k(?P<length>[0-9]+))?'
-    r'(?::(?P<argument>.+?))?(?:@(?P<sequence>dynamic|single|k[0-9]+))?'
-    r'(?P<options>(?:\+\w+=[^+]+)*)'
-)
-
-
-@dataclass(frozen=True, slots=True)
-class MethodName:
-    """A method as requested: `[label=]kind[-kN][:argument][@sequence][+option=value]...`."""
-
-    label: str  # for tables and folders
-    kind: str  # key of `KINDS`
-    argument: str = ''  # files of the method, as written
-    length: int | None = None  # k: 0 for dynamic, None for the method's default
-    options: Mapping[str, str] = field(default_factory=dict)  # and core parameters
-
-
-def parse_method(text: str) -> MethodName:
-    """Parse a text like `convseq-k10` or `net=scores:net.npy@dynamic`; ConfigError if unclear."""
-    groups = _PATTERN.fullmatch(text)
-    if not groups:
-        raise ConfigError(
-            f'method {text!r}: expected [label=]kind[:file][@single|@dynamic|@kN][+option=value], '
-            'for example convseq, convseq-k10 or net=scores:net.npy@dynamic'
-        )
-    kind, argument, sequence = groups['kind'], groups['argument'] or '', groups['sequence']
-    options = dict(part.split('=', 1) for part in groups['options'].split('+')[1:])
-    length = int(groups['length']) if groups['length'] else None
-    if sequence:
-        length = {'dynamic': 0, 'single': 1}.get(sequence)
-        length = int(sequence[1:]) if length is None else length
-    label = groups['label']
-    if not label:
-        name = PurePath(argument.split(',')[0]).stem if argument else kind
-        k = f'k{groups["length"]}' if groups['length'] else ''
-        parts = [name, k, sequence or '', *options.values()]
-        label = re.sub(r'[^\w.-]+', '_', '-'.join(part for part in parts if part))
-    return MethodName(label, kind, argument, length, options)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,35 +141,17 @@ def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
 
 
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
-    alpha, rows = _number(float, name, 'alpha', ALPHA), _number(int, name, 'rows', ROWS)
+    alpha, rows = name.number(float, 'alpha', ALPHA), name.number(int, 'rows', ROWS)
     vocabulary = name.options.get('vocabulary', '')
-    levels = _number(int, name, 'levels', LEVELS, 1)
-    direct = _number(int, name, 'direct', 0, 0) if 'direct' in name.options else None
+    levels = name.number(int, 'levels', LEVELS, 1)
+    direct = name.number(int, 'direct', 0, 0) if 'direct' in name.options else None
     return peers.peer_scores(
         material, name.kind, alpha, vocabulary, config.reading, rows, levels, direct
     )
 
 
 def _hbst(material: Material, name: MethodName, _: Config) -> PairScores:
-    return peers.tree_scores(material, _number(int, name, 'rows', ROWS))
-
-
-def _number(
-    kind: Callable[[str], Number],
-    name: MethodName,
-    key: str,
-    default: Number,
-    least: float = -math.inf,
-) -> Number:
-    """Return an option that is a number of at least `least`; ConfigError for any other text."""
-    text = name.options.get(key, str(default))
-    try:
-        number = kind(text)
-    except ValueError:
-        raise ConfigError(f'method {name.label}: {key} is not a number: {text!r}') from None
-    if number < least:
-        raise ConfigError(f'method {name.label}: {key} is {text}; give at least {least:g}')
-    return number
+    return peers.tree_scores(material, name.number(int, 'rows', ROWS))
 
 
 def _given_scores(material: Material, name: MethodName, config: Config) -> PairScores:
@@ -249,18 +188,14 @@ def _descriptors(
     material: Material, describe: Callable[[Gray], Vectors], wants_color: bool = False
 ) -> tuple[Vectors, Vectors, float]:
     """Return query and reference descriptors, and the median time per query in ms."""
-    images = material.query.in_color if wants_color else material.query
-    query, encode_ms = _described(images, describe)
-    if material.reference == material.query:
-        return query, query, encode_ms
-    images = material.reference.in_color if wants_color else material.reference
-    return query, _described(images, describe)[0], encode_ms
 
+    def of(images: Images) -> tuple[Vectors, float]:
+        rows, median_ms = described(images.in_color if wants_color else images, describe)
+        zeros = np.zeros_like(next(row for row in rows if row is not None))
+        return np.stack([zeros if row is None else row for row in rows]), median_ms
 
-def _described(images: Images, describe: Callable[[Gray], Vectors]) -> tuple[Vectors, float]:
-    rows, median_ms = described(images, describe)
-    zeros = np.zeros_like(next(row for row in rows if row is not None))
-    return np.stack([zeros if row is None else row for row in rows]), median_ms
+    (query, encode_ms), (reference, _) = material.each(of)
+    return query, reference, encode_ms
 
 
 def cosine_scores(

@@ -18,8 +18,10 @@ from convseq_ros.baselines.vocabulary import bag_scores, LEVELS, Vocabulary
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Frame, Match, Reason
+from convseq_ros.evaluation.drive import Drive
 from convseq_ros.evaluation.given_scores import PairScores
-from convseq_ros.evaluation.material import described, Drive, Material
+from convseq_ros.evaluation.images import described
+from convseq_ros.evaluation.material import Material
 from convseq_ros.sources import open_source
 import numpy as np
 import numpy.typing as npt
@@ -79,10 +81,7 @@ def peer_scores(
     """
     peer = _PEERS[kind]
     extract = partial(peer.extract, rows=image_rows)
-    query, extract_ms = _extracted(material.query, extract)
-    reference = query
-    if not material.data_set.online:
-        reference, _ = _extracted(material.reference, extract)
+    (query, extract_ms), (reference, _) = material.each(partial(_extracted, extract=extract))
     training = reference
     if vocabulary:
         folders = vocabulary.split(',')
@@ -131,10 +130,9 @@ def tree_scores(material: Material, image_rows: int = ROWS) -> PairScores:
     `peer_scores`.
     """
     extract = partial(local_features.orb, rows=image_rows)
-    query, encode_ms = _extracted(material.query, extract)
-    reference, tree = query, HammingTree()
+    (query, encode_ms), (reference, _) = material.each(partial(_extracted, extract=extract))
+    tree = HammingTree()
     if not material.data_set.online:
-        reference, _ = _extracted(material.reference, extract)
         for keypoints in reference:
             tree.add(keypoints)
 

@@ -11,13 +11,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from convseq_ros.core.types import Match
+from convseq_ros.evaluation.drive import Drive
 from convseq_ros.evaluation.given_scores import (
     PairScores,
     rank_references,
     recognize_given,
     SequenceScores,
 )
-from convseq_ros.evaluation.material import Drive, Material
+from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.methods import Method
 from convseq_ros.evaluation.peers import matches_of
 from convseq_ros.evaluation.recognition import (

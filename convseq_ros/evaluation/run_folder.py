@@ -35,7 +35,8 @@ from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.map.image_coding import thumbnail
 from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.material import Images, Material
+from convseq_ros.evaluation.images import Images
+from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.metrics import Curve
 from convseq_ros.evaluation.protocols import OPEN, Outcome, VERSION
 from convseq_ros.evaluation.scorecard import margin, Verdicts
@@ -125,11 +126,6 @@ def write_run(folder: Path, outcome: Outcome, verdicts: Verdicts, curve: Curve) 
     texts = ([f'{value:.7g}' for value in point] for point in points)
     table = (dict(zip(names, point, strict=True)) for point in texts)
     write_table(folder / 'curve.csv', names, table)
-
-
-def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
-    """Write the figures of a method; with them its run is complete."""
-    write_json(folder / 'summary.json', summary)
 
 
 def _write_array(path: Path, array: npt.NDArray[Any]) -> None:

@@ -10,7 +10,8 @@ from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation import methods
 from convseq_ros.evaluation.data_set import DataSet, Part, TruthSource
 from convseq_ros.evaluation.material import open_material
-from convseq_ros.evaluation.methods import make_method, parse_method
+from convseq_ros.evaluation.method_name import parse_method
+from convseq_ros.evaluation.methods import make_method
 from convseq_ros.evaluation.peers import verified_best
 import cv2
 import numpy as np

@@ -9,7 +9,8 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set, Part, SimulatedDrive
-from convseq_ros.evaluation.material import Images, open_material
+from convseq_ros.evaluation.images import Images
+from convseq_ros.evaluation.material import open_material
 from convseq_ros.evaluation.recognition import recognize
 from convseq_ros.io.files import make_record
 import numpy as np

@@ -1,0 +1,96 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A drive whose images are described."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+import time
+
+from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, KeyframeConfig
+from convseq_ros.core.encoding.brightness import brightness
+from convseq_ros.core.encoding.descriptor import blank_descriptor, describe, visible_cells
+from convseq_ros.core.encoding.first_stage import FirstStage, identity_of
+from convseq_ros.core.encoding.keypoints import detect
+from convseq_ros.core.encoding.view import upright
+from convseq_ros.core.map.image_coding import thumbnail
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import Descriptor, Frame
+from convseq_ros.errors import SourceError
+from convseq_ros.evaluation.images import Images
+from convseq_ros.models.onnx_model import open_model
+import numpy as np
+import numpy.typing as npt
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The descriptors of a drive's images; entry i belongs to frame i."""
+
+    encoding: EncodingConfig
+    stamps_ns: Sequence[int]
+    names: Sequence[str]  # file name or topic
+    readable: Sequence[bool]  # whether the image could be decoded
+    descriptors: Sequence[Descriptor]  # blank for an unreadable image
+    encode_ms: float  # median time to describe an image
+    thumbnails: Sequence[bytes] = ()  # JPEG; empty for an unreadable image
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    @cached_property
+    def informative(self) -> npt.NDArray[np.bool_]:
+        """Flags of the informative frames, (N,)."""
+        return np.array([item.informative for item in self.descriptors], np.bool_)
+
+    @property
+    def described(self) -> Iterator[tuple[Frame, Descriptor | None]]:
+        """Frames without images, with their descriptors; None for an unreadable image."""
+        columns = self.stamps_ns, self.readable, self.descriptors
+        for stamp_ns, readable, descriptor in zip(*columns, strict=True):
+            yield Frame(stamp_ns, None), descriptor if readable else None
+
+    @cached_property
+    def reference_map(self) -> ReferenceMap:
+        """The drive as a map without poses; unreadable frames become blank places."""
+        reference_map = ReferenceMap(self.encoding, keyframes=EVERY_FRAME)
+        for index, descriptor in enumerate(self.descriptors):
+            frame = Frame(self.stamps_ns[index], None, self.names[index])
+            small = self.thumbnails[index] if self.thumbnails else b''
+            reference_map.add_frame(frame, descriptor, small=small)
+        return reference_map
+
+
+def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
+    """Return the described drive; uses the descriptor model of the encoding, if there is one."""
+    model = open_model(Config(encoding=encoding, reading=images.reading))
+    blank = blank_descriptor(encoding)
+    if model:
+        encoding = replace(encoding, descriptor_model=identity_of(model))
+        images = images.in_color if model.wants_color else images
+        blank = replace(blank, vector=np.zeros(model.numbers, np.float16))
+    first_stage = FirstStage(model, encoding)
+    kept = KeyframeConfig()
+    visible = visible_cells(encoding.image_mask, blank.cells.shape[0])
+    stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
+    thumbnails: list[bytes] = []
+    for raw in images:
+        frame = upright(raw, encoding)
+        started = time.perf_counter()
+        if frame.gray is None:
+            descriptors.append(blank)
+        else:
+            descriptor = first_stage.add(frame, describe(frame.gray, encoding))
+            durations.append((time.perf_counter() - started) * 1e3)
+            corners = detect(frame.gray, visible, kept.keypoints)
+            light = brightness(frame.gray)
+            descriptors.append(replace(descriptor, keypoints=corners, brightness=light))
+        gray = frame.gray
+        thumbnails.append(b'' if gray is None else thumbnail(gray, kept.thumbnail_width_px))
+        stamps_ns.append(frame.stamp_ns)
+        names.append(frame.source)
+        readable.append(frame.gray is not None)
+    if not durations:
+        raise SourceError(f'{images.part}: none of its {len(names)} images can be read')
+    encode_ms = float(np.median(durations))
+    return Drive(encoding, stamps_ns, names, readable, descriptors, encode_ms, thumbnails)
