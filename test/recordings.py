@@ -43,6 +43,26 @@ def odometry(x, stamp_ns):
     )
 
 
+def camera_info(
+    k,
+    p=(0.0,) * 12,
+    size=(32, 24),
+    model='',
+    d=(),
+    stamp_ns=1,
+    frame='camera',
+    binning=(0, 0),
+    roi=(0, 0, 0, 0),
+):
+    """Return a CameraInfo message, of K and P; the region of interest is x, y, height, width."""
+    kinds = ROS2.types
+    region = kinds['sensor_msgs/msg/RegionOfInterest'](*roi, False)
+    numbers = (np.array(one, float) for one in (d, k, np.eye(3).ravel(), p))
+    return kinds['sensor_msgs/msg/CameraInfo'](
+        header(stamp_ns, frame), *size[::-1], model, *numbers, *binning, region
+    )
+
+
 def text(content='hello'):
     return ROS2.types['std_msgs/msg/String'](content)
 

@@ -6,14 +6,7 @@ from pathlib import Path
 
 from convseq_ros.cli.config import all_parameters, markdown, PAPERS, yaml
 from convseq_ros.cli.options import read_parameter_file
-from convseq_ros.config import (
-    Config,
-    EncodingConfig,
-    flatten,
-    make_config,
-    SequenceConfig,
-    with_values,
-)
+from convseq_ros.config import Config, flatten, make_config, with_values
 from convseq_ros.config.paper import PAPER, paper_parameters
 from convseq_ros.errors import ConfigError
 import pytest
@@ -24,13 +17,6 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 def test_names_are_unique_across_groups():
     names = [item.name for item in all_parameters()]
     assert len(names) == len(set(names))
-
-
-def test_the_defaults_are_the_papers():
-    rule = SequenceConfig()
-    assert (rule.overlap_threshold, rule.entropy_threshold) == (0.9, 0.5)
-    assert (rule.min_length, rule.max_overlap_length, rule.max_length) == (2, 15, 25)
-    assert EncodingConfig() == EncodingConfig(512, 0.5)
 
 
 def test_flat_values_round_trip():

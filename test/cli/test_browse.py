@@ -3,8 +3,6 @@
 """`convseq map browse`: a page of the links of a map, and how to take out the wrong one."""
 
 from base64 import b64decode
-import json
-import re
 import shlex
 import sys
 
@@ -18,6 +16,7 @@ from convseq_ros.core.types import Frame, RelativePose
 import numpy as np
 from pictures import scene
 import pytest
+from web_page import data_of
 
 COUNT = 12  # places of each of two rounds
 WRONG = COUNT + 5
@@ -46,9 +45,7 @@ def browsed(path, capsys):
     """Return the data of the page, its text, and what the command prints."""
     page = path.with_name('links.html')
     assert main(['map', 'browse', str(path), '-o', str(page)]) == 0
-    text = page.read_text('utf-8')
-    data = json.loads(re.search(r'id="data">(.*?)</script>', text, re.S)[1])
-    return data, text, capsys.readouterr()
+    return data_of(page), page.read_text('utf-8'), capsys.readouterr()
 
 
 def test_a_link_that_the_poses_deny_is_reported_with_the_command_that_removes_it(path, capsys):

@@ -26,7 +26,8 @@ from convseq_ros.simulation.street import Street
 import cv2
 import numpy as np
 from pictures import picture
-from recordings import compressed, header, image, ROS2, START_NS, STEP_NS, write_recording
+import recordings
+from recordings import compressed, image, START_NS, STEP_NS, write_recording
 
 
 @pytest.fixture(scope='module')
@@ -83,13 +84,9 @@ DEPTH_CAMERAS = {  # the colour topic, one of depth, and the encoding of depth
 
 
 def camera_info(focal_px=60.0):
-    kinds = ROS2.types
     k = np.array([focal_px, 0, 40, 0, focal_px, 30, 0, 0, 1 if focal_px else 0])
     projection = np.insert(k.reshape(3, 3), 3, 0, axis=1).ravel()
-    roi = kinds['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False)
-    numbers = np.zeros(5), k, np.eye(3).ravel(), projection
-    sizes = 60, 80, 'plumb_bob'
-    return kinds['sensor_msgs/msg/CameraInfo'](header(START_NS), *sizes, *numbers, 0, 0, roi)
+    return recordings.camera_info(k, projection, (80, 60), 'plumb_bob', (0.0,) * 5, START_NS)
 
 
 def told(path, capsys):

@@ -3,7 +3,6 @@
 """`convseq replay --report`: the page says what the table says, with pictures of both sides."""
 
 from base64 import b64decode
-import json
 import re
 
 from convseq_ros.cli import main
@@ -17,6 +16,7 @@ import cv2
 import numpy as np
 from pictures import scene, written
 import pytest
+from web_page import data_of
 
 COUNT = 40
 SETTINGS = '--keyframe-overlap', '1'
@@ -56,8 +56,7 @@ def replayed(drives, tmp_path, capsys):
         errors = capsys.readouterr().err
         if code:
             return code, errors
-        text = page.read_text('utf-8')
-        return json.loads(re.search(r'id="data">(.*?)</script>', text, re.S)[1]), text, errors
+        return data_of(page), page.read_text('utf-8'), errors
 
     return run
 
@@ -92,15 +91,13 @@ def test_page_has_a_pair_for_each_frame_with_candidates_and_its_agreement(
 
 
 def test_drive_and_map_are_one_line_from_above_though_their_odometry_differs(drives, replayed):
-    _, text, _ = replayed('--poses', str(drives / 'second.txt'))
+    data, text, _ = replayed('--poses', str(drives / 'second.txt'))
     lines = re.findall(r'class="line" stroke="[^"]*" d="M([^"]*)"', text)
     drive, mapped = ([tuple(map(float, p.split())) for p in line.split('L')] for line in lines)
     assert len(drive) == len(mapped) == COUNT
     assert np.allclose(drive, mapped, atol=1.0)
     assert mapped[0][0] == 30.0 and mapped[-1][0] == 970.0
-    assert text.count('class="arc"') == json.loads(
-        re.search(r'id="data">(.*?)</script>', text, re.S)[1]
-    )['strip']['kinds'].count(0)
+    assert text.count('class="arc"') == data['strip']['kinds'].count(0)
 
 
 def test_what_a_page_lacks_is_said_in_one_line_each(drives, replayed, tmp_path):

@@ -19,13 +19,6 @@ pytestmark = pytest.mark.once
 FRAME = 24 + 16_384  # bytes of the log for a page; 32 stand before the first
 
 
-def refusal(function, *args, **kwargs):
-    with pytest.raises(MapError) as found:
-        function(*args, **kwargs)
-    assert str(found.value).isprintable() and 'map.db: ' in str(found.value)
-    return str(found.value)
-
-
 @pytest.fixture(scope='module', params=[1, 3])
 def ended(request, tmp_path_factory):
     """Return a map as a crash leaves it with so many commits in its log."""

@@ -216,14 +216,6 @@ def test_vectors_of_another_length_than_the_maps_are_refused(frames):
         recognizer.process(frames()[0])
 
 
-def test_what_a_function_raises_comes_through(frames):
-    def fails(image):
-        raise RuntimeError('out of memory')
-
-    with pytest.raises(RuntimeError, match='out of memory'):
-        build_map(frames(), None, CONFIG, describe=fails)
-
-
 def test_colour_reaches_who_wants_it_upright_and_masked(image):
     mask = np.full((60, 80), 255, np.uint8)
     mask[:, :40] = 0

@@ -97,18 +97,18 @@ def test_a_scene_that_did_not_change_is_left_out():
     assert found == [None, Reason.BETWEEN_KEYFRAMES, None]
 
 
-def test_with_odometry_keyframes_are_as_far_apart_as_configured_at_any_speed():
+@pytest.mark.parametrize(
+    ('poses', 'expected'),
+    [
+        ([at(x) for x in (0.0, 0.6, 0.9, 1.1, 1.1, 1.1, 1.9, 2.2, 9.0)], [0, 3, 7, 8]),
+        ([at(0, yaw=turn) for turn in (0.0, 0.2, 0.4, 0.6, 0.8)], [0, 2, 4]),
+        ([None, at(0), None, at(0), at(0)], [0, 1, 2]),  # where a pose is not known
+    ],
+)
+def test_with_odometry_keyframes_are_as_far_apart_as_configured(poses, expected):
     keyframes = choosing(keyframe_distance_m=1.0)
-    way = [0.0, 0.6, 0.9, 1.1, 1.1, 1.1, 1.9, 2.2, 9.0]
-    found = [x for time, x in enumerate(way) if taken(keyframes, time, BLANK, at(x))]
-    assert found == [0.0, 1.1, 2.2, 9.0]
-
-
-def test_turning_on_the_spot_makes_keyframes():
-    keyframes = choosing(keyframe_distance_m=1.0)
-    turns = [0.0, 0.2, 0.4, 0.6, 0.8]
-    found = [turn for turn in turns if taken(keyframes, 0, BLANK, at(0, yaw=turn))]
-    assert found == [0.0, 0.4, 0.8]
+    found = [time for time, pose in enumerate(poses) if taken(keyframes, time, BLANK, pose)]
+    assert found == expected
 
 
 def test_a_camera_that_is_a_little_early_now_and_then_keeps_its_rhythm():
@@ -117,12 +117,6 @@ def test_a_camera_that_is_a_little_early_now_and_then_keeps_its_rhythm():
     stamps = (np.arange(40) * 100 + jitter_ms) * 1_000_000
     found = [index for index, stamp in enumerate(stamps) if taken(keyframes, int(stamp), BLANK)]
     assert found == [*range(0, 40, 2)]
-
-
-def test_a_frame_whose_pose_is_not_known_is_a_keyframe():
-    keyframes = choosing(keyframe_distance_m=1.0)
-    poses = [None, at(0), None, at(0), at(0)]
-    assert [taken(keyframes, 0, BLANK, pose) for pose in poses] == [True, True, True, False, False]
 
 
 SMALL = EncodingConfig(image_size_px=128)
@@ -140,16 +134,24 @@ def view(shift_px=0, noise=0.0, seed=0):
     return describe(np.clip(cut, 0, 255).astype(np.uint8), SMALL)
 
 
-def test_the_same_view_with_noise_is_a_standstill_and_another_view_is_not():
-    still = watching()
-    frames = [view(), view(noise=2, seed=1), view(noise=2, seed=2), view(shift_px=12)]
-    assert [still.check(one, None) for one in frames] == [False, True, True, False]
-
-
-@pytest.mark.parametrize('settings', [{'by_image': False}, {'stationary_overlap': 1.0}])
-def test_images_are_asked_only_where_they_should_be(settings):
+@pytest.mark.parametrize(
+    ('settings', 'frames', 'expected'),
+    [
+        (
+            {},
+            [view(), view(noise=2, seed=1), view(noise=2, seed=2), view(shift_px=12)],
+            [False, True, True, False],
+        ),
+        ({}, [view(), blank_descriptor(SMALL), view(noise=1)], [False, False, True]),
+        ({'by_image': False}, [view()] * 3, [False] * 3),
+        ({'stationary_overlap': 1.0}, [view()] * 3, [False] * 3),
+    ],
+)
+def test_the_same_view_with_noise_is_a_standstill_where_images_are_asked(
+    settings, frames, expected
+):
     still = watching(**settings)
-    assert [still.check(view(), None) for _ in range(3)] == [False] * 3
+    assert [still.check(one, None) for one in frames] == expected
 
 
 @pytest.mark.parametrize(
@@ -172,12 +174,6 @@ def test_without_a_distance_odometry_is_not_asked():
     still = watching(stationary_m=0.0)
     assert not still.check(view(), at(0.0))
     assert still.check(view(), at(9.0)) and not still.check(view(shift_px=18), at(9.0))
-
-
-def test_a_dark_frame_is_no_standstill_and_does_not_count():
-    still = watching()
-    frames = [view(), blank_descriptor(SMALL), view(noise=1)]
-    assert [still.check(one, None) for one in frames] == [False, False, True]
 
 
 FRAME_NS = 33_333_333

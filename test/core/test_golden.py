@@ -78,14 +78,11 @@ def test_salient_regions_agree(described, golden):
     assert (np.array([one.salient for one in described[0]]) == golden['salient']).all()
 
 
-def salient(query):
-    return paper_regions(query.cells)[query.salient]
-
-
 @pytest.mark.parametrize(('drive', 'name'), [(1, 'scores'), (0, 'similarities')])
 def test_pair_scores_agree(described, golden, drive, name):
     others = [paper_regions(one.cells) for one in described[drive]]
-    scores = np.stack([pair_scores(salient(query), others) for query in described[0]])
+    salient = [paper_regions(one.cells)[one.salient] for one in described[0]]
+    scores = np.stack([pair_scores(regions, others) for regions in salient])
     assert np.abs(scores - golden[name]).max() < 1e-5
 
 

@@ -24,22 +24,6 @@ SETTINGS = {
 }  # fmt: skip
 
 
-def cut_short(path, _other):
-    os.truncate(path, path.stat().st_size // 2)
-
-
-def empty(path, _other):
-    os.truncate(path, 0)
-
-
-def overwrite(path, _other):
-    path.write_bytes(bytes(path.stat().st_size))
-
-
-def copy_another_map(path, other):
-    path.write_bytes(other.read_bytes())
-
-
 @pytest.fixture
 def drive(tmp_path):
     """Return a pipeline whose map holds 41 places in its file, and what answers a place."""
@@ -62,14 +46,23 @@ def drive(tmp_path):
     return growing, begin, answer
 
 
-@pytest.mark.parametrize('harm', [cut_short, empty, overwrite, copy_another_map])
+@pytest.mark.parametrize(
+    'harm',
+    [
+        lambda was, _: was[: len(was) // 2],
+        lambda *_: b'',
+        lambda was, _: bytes(len(was)),
+        lambda _, other: other,
+    ],
+    ids=['cut short', 'empty', 'overwritten', 'another map'],
+)
 def test_a_growing_map_answers_on_grows_no_more_and_leaves_the_file_alone(drive, tmp_path, harm):
     growing, _, answer = drive
     assert answer(growing, 0) == 0
     growing.flush()
     save_map(drawn(400), tmp_path / 'other.db')
-    harm(growing.path, tmp_path / 'other.db')
-    harmed = growing.path.read_bytes()
+    harmed = harm(growing.path.read_bytes(), (tmp_path / 'other.db').read_bytes())
+    growing.path.write_bytes(harmed)
     assert answer(growing, 1) == 1  # adds a place
     with pytest.raises(MapError, match='was cut short or overwritten') as told:
         growing.flush()
@@ -112,7 +105,7 @@ def test_a_command_ends_at_a_map_that_is_cut_short(drive):
     growing, _, answer = drive
     growing.close()
     loaded = Pipeline(growing.path, make_config(SETTINGS))
-    cut_short(loaded.path, None)
+    os.truncate(loaded.path, loaded.path.stat().st_size // 2)
     with pytest.raises(MapError, match='damaged map'):
         for place in range(PLACES):
             answer(loaded, place)

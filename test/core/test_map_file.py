@@ -211,15 +211,3 @@ def test_unpacked_cells_are_64_times_the_packed_ones():
     expected = packed.astype(np.float32) * 64
     assert unpack_cells(packed).tobytes() == expected.tobytes()
     assert unpack_cells(packed[: 16 * 8].reshape(4, 4, 8)).shape == (4, 4, 8)
-
-
-def test_a_link_that_fails_its_checksum_is_left_out(tmp_path):
-    path, whole = tmp_path / 'map.db', make(20)
-    for place in (12, 18):
-        whole.links.add(place, 2, confidence=0.8)
-    save_map(whole, path)
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute('UPDATE links SET confidence = 0.9 WHERE place = 18')
-    opened = open_map(path)
-    assert [*opened.links] == [(12, 2)]
-    assert opened.problem == f'{path}: 1 links are damaged and left out; all the rest works'

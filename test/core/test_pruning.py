@@ -161,26 +161,15 @@ def test_known_is_what_was_accepted_however_low_its_confidence(reason, known):
     assert recognised_place(None) is None
 
 
-@pytest.fixture
-def drive(path, image):
-    """Return a way to drive past places on a day, and to get the session, closed, and answers."""
-
-    def run(day, count, most=2):
-        config = make_config({'mode': 'online', 'image_size_px': 128, 'max_looks': most})
+def test_a_map_of_a_path_that_is_driven_repeatedly_stops_growing_and_is_recognised(path, image):
+    config = make_config({'mode': 'online', 'image_size_px': 128, 'max_looks': 2})
+    for day in range(6):
         session, found = Pipeline(path, config), []
-        for place in range(count):
+        for place in range(ROUND):
             frame = Frame(day * DAY + place * SECOND, image(place, day))
             found.append(session.recognizer.process(frame))
             session.save()
         session.close()
-        return session, found
-
-    return run
-
-
-def test_a_map_of_a_path_that_is_driven_repeatedly_stops_growing_and_is_recognised(drive, path):
-    for day in range(6):
-        session, found = drive(day, ROUND)
         right = [
             match.accepted.reference_stamp_ns // SECOND % 86_400 == at
             for at, match in enumerate(found)

@@ -133,23 +133,23 @@ def grown(passed, earlier=0):
     return mapping, reference_map, usable
 
 
-def test_places_become_usable_once_more_than_20_scenes_were_passed_since():
-    _, reference_map, usable = grown(range(1, 26))
-    assert len(reference_map) == 25
-    assert usable == [0] * 21 + [1, 2, 3, 4]
-
-
-def test_places_of_an_earlier_session_are_usable_at_once():
-    mapping, _, usable = grown(range(1, 24), earlier=7)
-    assert mapping.session_start == 7
-    assert usable == [7] * 21 + [8, 9]
-
-
-def test_scenes_without_a_place_are_counted_and_places_in_between_are_not():
-    mapping, _, usable = grown([1, 2, 2, 2, 3, 22, 23])
-    assert usable == [0, 0, 0, 0, 0, 1, 4]
-    mapping.follow(24)  # its frame is not stored
-    assert mapping.usable == 5
+@pytest.mark.parametrize(
+    ('passed', 'earlier', 'expected'),
+    [
+        (range(1, 26), 0, [0] * 21 + [1, 2, 3, 4]),
+        (range(1, 24), 7, [7] * 21 + [8, 9]),  # those of an earlier session at once
+        # Scenes without a place are counted, and places in between are not.
+        ([1, 2, 2, 2, 3, 22, 23], 0, [0, 0, 0, 0, 0, 1, 4]),
+    ],
+)
+def test_places_become_usable_once_more_than_20_scenes_were_passed_since(
+    passed, earlier, expected
+):
+    mapping, reference_map, usable = grown(passed, earlier)
+    assert usable == expected and mapping.session_start == earlier
+    assert len(reference_map) == earlier + len(passed)
+    mapping.follow(passed[-1] + 1)  # its frame is not stored
+    assert mapping.usable == expected[-1] + 1
 
 
 def test_a_new_session_makes_all_of_the_map_the_past():

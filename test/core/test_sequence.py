@@ -157,8 +157,8 @@ class Approximate:
         return [self._exact[query.frame, indices] for query, indices in asked]
 
 
-def append(buffer, descriptor=SHOWN):
-    buffer.append(descriptor, REFERENCES, capacity=10)
+def append(buffer):
+    buffer.append(SHOWN, REFERENCES, capacity=10)
 
 
 def filled(scores):
@@ -255,19 +255,12 @@ def test_no_more_than_eight_are_rescored_and_none_twice():
         ([1.0] * 10, 9),
         ([0.0, 0.0, 4.0, 1.0], 4),
         ([0.0, 0.0, 4.0, 0.4], 3),
+        ([1.0] * 10 + [900.0], 9),  # the last one has left the buffer
     ],
 )
 def test_k_is_how_many_of_the_newest_frames_carry_nine_tenths_of_the_evidence(evidence, length):
     buffer = QueryBuffer(SimpleNamespace(extract=lambda _: None))
     for one in reversed(evidence):
-        buffer.append(frame(informative=False), 3, 25)
+        buffer.append(frame(informative=False), 3, 10)
         buffer.add_evidence(one)
     assert buffer.evidence_length == length
-
-
-def test_evidence_leaves_the_buffer_with_its_frame():
-    buffer = QueryBuffer(SimpleNamespace(extract=lambda _: None))
-    for one in (100.0, 1.0, 1.0):
-        buffer.append(frame(informative=False), 3, 2)
-        buffer.add_evidence(one)
-    assert buffer.evidence_length == 2

@@ -3,10 +3,7 @@
 """The page of what was matched: its size, what it shows, and that it works in a browser."""
 
 import base64
-import json
 import re
-import shutil
-import subprocess
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import describe
@@ -19,6 +16,7 @@ from convseq_ros.evaluation.report.pairs import picture_of
 import numpy as np
 from pictures import scene
 import pytest
+from web_page import data_of, shown
 
 COLORS = {'accepted': '#2f9e44', 'weak': '#ffd43b', 'recent': '#4dabf7'}
 STRIP = 'Height: confidence.'
@@ -37,27 +35,14 @@ document.title = answers.join(' ');
 """
 
 
-def data_of(path):
-    text = path.read_text(encoding='utf-8')
-    return json.loads(re.search(r'id="data">(.*?)</script>', text, re.S)[1])
-
-
-def made(count, kind_of, pair_of):
-    """Return a page of frames, each with a pair."""
-    page = MatchPage(count, 'accepted', COLORS)
-    for at in range(count):
-        texts = f'frame {at}', 'here', 'there'
-        page.add(kind_of(at), 0.5, at / 10, lambda at=at, texts=texts: (texts, pair_of(at)))
-    return page
-
-
 def test_a_page_of_5000_frames_stays_below_20_mb_with_pairs_evenly(tmp_path):
-    random = np.random.default_rng(0)
+    random, page = np.random.default_rng(0), MatchPage(5000, 'accepted', COLORS)
 
-    def pair_of(_):  # thumbnails of 128 px take 2 to 3 kB; as many marks as are drawn
-        return random.bytes(3000), random.bytes(3000), random.bytes(600), random.bytes(400)
+    def pair():  # thumbnails of 128 px take 2 to 3 kB; as many marks as are drawn
+        return ('frame', 'here', 'there'), tuple(map(random.bytes, (3000, 3000, 600, 400)))
 
-    page = made(5000, lambda at: 'weak' if at % 5 == 0 else 'accepted', pair_of)
+    for at in range(5000):
+        page.add('accepted' if at % 5 else 'weak', 0.5, at / 10, pair)
     page.write(tmp_path / 'page.html', 'title', ['5000 frames'], '', {}, STRIP)
     assert 17e6 < (tmp_path / 'page.html').stat().st_size < 20e6
     data = data_of(tmp_path / 'page.html')
@@ -139,29 +124,8 @@ def test_a_place_is_shown_by_its_kept_image_or_else_its_thumbnail():
     assert picture_of(mapped(gray, 0), 0, 240) == b''
 
 
-@pytest.fixture
-def shown(page, tmp_path):
-    """Return a function that opens the page, runs a script, and returns what is there."""
-    browser = next(filter(None, map(shutil.which, ('chromium', 'google-chrome'))), None)
-    if not browser:
-        pytest.skip('needs chromium on the PATH')
-    options = (
-        '--headless --no-sandbox --disable-gpu --disable-dev-shm-usage --dump-dom '
-        '--disable-background-networking --virtual-time-budget=4000 --window-size=1000,900'
-    ).split()
-
-    def run(script=''):
-        copy = page.with_name('shown.html')
-        copy.write_text(page.read_text('utf-8') + f'<script>{script}</script>', 'utf-8')
-        command = [browser, *options, f'--user-data-dir={tmp_path}/profile', copy.as_uri()]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-        return done.stdout.partition('<noscript>')[0]
-
-    return run
-
-
-def test_a_click_on_the_strip_or_an_arc_shows_the_nearest_pair_with_its_marks(shown):
-    first = shown()
+def test_a_click_on_the_strip_or_an_arc_shows_the_nearest_pair_with_its_marks(page):
+    first = shown(page).partition('<noscript>')[0]
     assert 'id="verdict" aria-live="polite" class="accepted"' in first
     assert '&lt;frame&gt; 1' in first
     assert len(re.findall('<rect class="region"', first)) == 2
@@ -169,6 +133,6 @@ def test_a_click_on_the_strip_or_an_arc_shows_the_nearest_pair_with_its_marks(sh
     circles = re.findall(r'<circle class="keypoint" cx="([^"]*)" cy="([^"]*)"', first)
     centres = [float(number) for circle in circles for number in circle]
     assert centres == pytest.approx([51.2, 57.6, 102.4, 19.2])
-    clicked = shown(STEPS)
+    clicked = shown(page, STEPS).partition('<noscript>')[0]
     assert re.search(r'<title>(.*?)</title>', clicked)[1] == '3 5 3'
     assert 'class="arc on"' in clicked and '<section id="pairs" class="no-region">' in clicked

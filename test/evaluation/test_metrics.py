@@ -78,23 +78,22 @@ def test_average_precision_and_curve_are_those_of_scikit_learn(metrics, given_an
     assert curve.recall.tolist() == pytest.approx(recall[:-1][::-1].tolist())
 
 
-def test_recall_at_n_counts_wrong_references_before_the_best_right_one():
-    scores = numbers(0.9, 0.8, 0.7, 0.1, 0.9, 0.5, -np.inf, -np.inf, 0.3).reshape(3, 3)
-    right = flags(0, 0, 1, 0, 1, 0, 1, 0, 0).reshape(3, 3)
-    assert recall_at(scores, right, (1, 2, 3)) == {1: 1 / 3, 2: 1 / 3, 3: 2 / 3}
-
-
-def test_in_recall_at_n_ties_count_against_the_method():
-    assert recall_at(numbers(0.5, 0.5).reshape(1, 2), flags(1, 0).reshape(1, 2), (1, 2)) == {
-        1: 0,
-        2: 1,
-    }
-
-
-def test_queries_without_a_right_reference_do_not_count_in_recall_at_n():
-    scores = numbers(1, 0, 1, 0).reshape(2, 2)
-    assert recall_at(scores, flags(1, 0, 0, 0).reshape(2, 2), (1,)) == {1: 1}
-    assert recall_at(scores, np.zeros((2, 2), bool), (1,)) == {1: None}
+@pytest.mark.parametrize(
+    ('scores', 'right', 'expected'),
+    [
+        (
+            [[0.9, 0.8, 0.7], [0.1, 0.9, 0.5], [-np.inf, -np.inf, 0.3]],
+            [[0, 0, 1], [0, 1, 0], [1, 0, 0]],
+            {1: 1 / 3, 2: 1 / 3, 3: 2 / 3},
+        ),
+        ([[0.5, 0.5]], [[1, 0]], {1: 0, 2: 1}),  # ties count against the method
+        # Queries without a right reference do not count.
+        ([[1, 0], [1, 0]], [[1, 0], [0, 0]], {1: 1}),
+        ([[1, 0], [1, 0]], [[0, 0], [0, 0]], {1: None}),
+    ],
+)
+def test_recall_at_n_counts_wrong_references_before_the_best_right_one(scores, right, expected):
+    assert recall_at(np.array(scores), np.array(right, bool), (*expected,)) == expected
 
 
 def test_each_range_of_confidences_tells_how_many_and_how_often_right():

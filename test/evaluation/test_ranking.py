@@ -3,13 +3,17 @@
 """Score matrices: the ranking, and the recogniser on given scores, say what it says itself."""
 
 from dataclasses import replace
+from functools import partial
 
 from convseq_ros.baselines.loop_detector import Detection
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.decision.paper.length import choose_length
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Reason
 from convseq_ros.evaluation.given_scores import PairScores, rank_references, recognize_given
-from convseq_ros.evaluation.methods import Kind, Method, MethodName
+from convseq_ros.evaluation.method_name import MethodName
+from convseq_ros.evaluation.methods import Kind, Method
+from convseq_ros.evaluation.peers import peer_scores
 from convseq_ros.evaluation.protocols import OPEN, run_protocol
 from convseq_ros.evaluation.recognition import overridden, recognize
 import numpy as np
@@ -113,3 +117,16 @@ def test_a_method_may_decide_itself_in_every_part_of_the_map(street, quick):
         expected += [index if first <= index < first + 12 else None for index in range(24)]
     assert found == expected
     assert outcome.frame_ms == 3.0
+
+
+def test_the_direct_index_at_the_root_is_none_and_at_the_words_finds_fewer(street):
+    folders = f'{street.folder / "query"},{street.folder / "reference"}'
+    scores = partial(peer_scores, street.open(), 'orb-bow', 0.3, folders, ReadingConfig(), 160)
+
+    def inliers(direct):
+        pairs = scores(levels=3, direct=direct)
+        return [one.inliers for one in pairs.detect(pairs.scores, consistent=1)]
+
+    everywhere, at_root, at_words = inliers(None), inliers(3), inliers(0)
+    assert sum(everywhere) > 0 and at_root == everywhere
+    assert 0 < sum(at_words) < sum(everywhere)

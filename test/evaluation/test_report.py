@@ -8,7 +8,6 @@ import json
 from pathlib import Path
 import re
 import shutil
-import subprocess
 import sys
 import xml.etree.ElementTree
 
@@ -19,6 +18,7 @@ from convseq_ros.evaluation.report.shown import read_runs, right_to_show
 import cv2
 import numpy as np
 import pytest
+from web_page import data_of, shown
 
 pytest.importorskip('matplotlib')
 
@@ -127,8 +127,7 @@ def copy(results, tmp_path) -> Path:
 
 def embedded(page):
     """Return the pictures, and the rows of the first method on the street."""
-    text = page.read_text(encoding='utf-8')
-    data = json.loads(re.search(r'id="data">(.*?)</script>', text, re.S)[1])
+    data = data_of(page)
     run = next(one for one in data['runs'] if (one['set'], one['method']) == ('street', 'convseq'))
     return data['pictures'], run['rows']
 
@@ -275,56 +274,34 @@ def test_what_cannot_be_done_is_said_in_one_line(copy, results, tmp_path, monkey
     assert not (tmp_path / 'page.html').exists()
 
 
-@pytest.fixture(scope='module')
-def shown(page, tmp_path_factory):
-    """Return a function that opens the page at an address, runs a script, returns the page."""
-    browser = next(filter(None, map(shutil.which, ('chromium', 'google-chrome'))), None)
-    if not browser:
-        pytest.skip('needs chromium on the PATH')
-    options = (
-        '--headless --no-sandbox --disable-gpu --disable-dev-shm-usage --dump-dom '
-        '--disable-background-networking --virtual-time-budget=4000'
-    ).split()
-    profile = tmp_path_factory.mktemp('profile')
-
-    def run(address='', script=''):
-        copy = page.with_name('shown.html')
-        copy.write_text(page.read_text(encoding='utf-8') + f'<script>{script}</script>', 'utf-8')
-        command = [browser, *options, f'--user-data-dir={profile}', copy.as_uri() + address]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-        return done.stdout
-
-    return run
-
-
 def captions(text):
     return re.findall(r'<figcaption>([^<\n]*)', text[text.index('id="pairs"') :])
 
 
-def test_first_pair_is_a_right_match_and_an_address_leads_to_its_frame(shown):
-    assert captions(shown())[:2] == ['Query 3', 'Match: reference 3']
-    text = shown('#street/cohog/14')
+def test_first_pair_is_a_right_match_and_an_address_leads_to_its_frame(page):
+    assert captions(shown(page))[:2] == ['Query 3', 'Match: reference 3']
+    text = shown(page, '', '#street/cohog/14')
     assert captions(text) == ['Query 14', 'Match: reference 0', 'Truth: reference 14']
     assert re.search(r'id="verdict"[^>]*class="wrong"', text)
-    assert captions(shown('#no/such/%E0%A4%A'))[0] == 'Query 3'
-    last_half = shown('#street-open/convseq/30')
+    assert captions(shown(page, '', '#no/such/%E0%A4%A'))[0] == 'Query 3'
+    last_half = shown(page, '', '#street-open/convseq/30')
     assert captions(last_half)[0] == 'Query 6' and 'only the last part' in last_half
 
 
-def test_keys_buttons_and_kinds_move_from_frame_to_frame(shown):
+def test_keys_buttons_and_kinds_move_from_frame_to_frame(page):
     press = "document.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowRight'}));"
     press = press.replace('document.', 'document.body.', 1).replace("'})", "', bubbles: true})")
-    assert captions(shown('#street/convseq/3', 2 * press))[0] == 'Query 5'
+    assert captions(shown(page, 2 * press, '#street/convseq/3'))[0] == 'Query 5'
     kinds = "document.querySelector('#kinds [value=wrong]').click();"
-    text = shown('#street/convseq/3', kinds + 2 * "byId('next').click();")
+    text = shown(page, kinds + 2 * "byId('next').click();", '#street/convseq/3')
     assert captions(text)[0] == 'Query 15' and '3 of 5' in text
-    assert shown('', 9 * "byId('back').click();").count('disabled') > 0
+    assert shown(page, 9 * "byId('back').click();").count('disabled') > 0
 
 
-def test_page_is_no_wider_than_a_phone_or_a_desk(shown):
+def test_page_is_no_wider_than_a_phone_or_a_desk(page):
     for width in (360, 1280):
         script = (
             f"document.body.style.width = '{width}px';"
             "document.title = document.querySelector('main').scrollWidth;"
         )
-        assert int(re.search(r'<title>(\d+)', shown('', script))[1]) <= width
+        assert int(re.search(r'<title>(\d+)', shown(page, script))[1]) <= width

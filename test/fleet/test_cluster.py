@@ -19,17 +19,19 @@ def test_this_machine_is_talked_to_without_question(address):
 
 
 @pytest.mark.parametrize(
-    'address', ['tcp://10.0.0.1:8786', 'tcp://robot:8786', 'tcp://0.0.0.0:8786', 'tcp://[::]:1']
+    ('addresses', 'told'),
+    [
+        (
+            'tcp://10.0.0.1:8786 tcp://robot:8786 tcp://0.0.0.0:8786 tcp://[::]:1',
+            'use TLS, tls://',
+        ),
+        ('8786 http://127.0.0.1:8786 tcp://host tcp://:1', 'no address of a scheduler'),
+    ],
 )
-def test_another_machine_is_refused_without_tls(address):
-    with pytest.raises(FleetError, match='use TLS, tls://'):
-        checked_address(Cluster(address))
-
-
-@pytest.mark.parametrize('address', ['8786', 'http://127.0.0.1:8786', 'tcp://host', 'tcp://:1'])
-def test_an_invalid_address_is_refused(address):
-    with pytest.raises(FleetError, match='no address of a scheduler'):
-        checked_address(Cluster(address))
+def test_another_machine_without_tls_and_an_invalid_address_are_refused(addresses, told):
+    for address in addresses.split():
+        with pytest.raises(FleetError, match=told):
+            checked_address(Cluster(address))
 
 
 def test_another_machine_is_talked_to_by_tls_alone():

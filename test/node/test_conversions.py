@@ -7,7 +7,7 @@ from dataclasses import replace
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Candidate, Match, Pose, Reason, RelativePose
+from convseq_ros.core.types import Candidate, Match, Reason, RelativePose
 from convseq_ros.node.closure_messages import closure_odometry_message
 from convseq_ros.node.conversions import CANDIDATE, candidates_message, stamp_from_ns, stamp_to_ns
 from hypothesis import given, strategies
@@ -17,7 +17,6 @@ import pytest
 STAMP_NS = 1_700_000_000_123_456_789
 CANDIDATES = (Candidate(7, STAMP_NS - 60_000_000_000, 0.875), Candidate(2, 5, 0.5))
 MATCH = Match(11, STAMP_NS, Reason.ACCEPTED, CANDIDATES, sequence_length=4)
-POSE = Pose((1.0, -2.0, 0.5), (0.0, 0.0, 0.6, 0.8))
 
 
 @given(strategies.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))

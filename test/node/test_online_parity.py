@@ -106,9 +106,6 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
     assert all(place.pose for place in maps[1].places)
 
 
-pytest.importorskip('rosbags')
-
-
 @pytest.fixture(scope='module')
 def mapped(tmp_path_factory):
     """Return a drive and its map, with poses."""

@@ -44,20 +44,6 @@ DRIVES = {
 
 
 @pytest.fixture
-def part_of(street_map, tmp_path):
-    """Return a maker of maps of the first places of the street."""
-
-    def make(count):
-        part = ReferenceMap(keyframes=EVERY_FRAME)
-        for index in range(count):
-            part.add(street_map.places[index], street_map.packed(index))
-        save_map(part, tmp_path / 'part.db')
-        return tmp_path / 'part.db'
-
-    return make
-
-
-@pytest.fixture
 def seen(street, image):
     """Return a maker of messages."""
 
@@ -74,10 +60,16 @@ def seen(street, image):
 
 
 @pytest.mark.parametrize('drive', DRIVES)
-def test_a_reason_is_written_to_the_table_and_counted(client, vpr, part_of, seen, tmp_path, drive):
+def test_a_reason_is_written_to_the_table_and_counted(
+    client, vpr, street_map, seen, tmp_path, drive
+):
     count, parameters, views, expected = DRIVES[drive]
     if count:
-        parameters = parameters | {'map_path': part_of(count)}
+        part = ReferenceMap(keyframes=EVERY_FRAME)
+        for index in range(count):
+            part.add(street_map.places[index], street_map.packed(index))
+        save_map(part, tmp_path / 'part.db')
+        parameters = parameters | {'map_path': tmp_path / 'part.db'}
     table = tmp_path / 'live.csv'
     vpr(result_file=table, diagnostics_period_s=0.1, **parameters)
     diagnostics = client.listen(DiagnosticArray, '/diagnostics')

@@ -165,13 +165,6 @@ SECOND = 1_000_000_000
 
 
 @pytest.fixture
-def quick(monkeypatch):
-    """Have the log looked after often."""
-    monkeypatch.setattr(progress_log, '_LOOK_S', 0.05)
-    monkeypatch.setattr(progress_log, '_LOG_S', 0.1)
-
-
-@pytest.fixture
 def told(monkeypatch):
     """Return what is logged, with its level."""
     lines = []
@@ -190,8 +183,10 @@ def told(monkeypatch):
 
 
 def test_drops_are_logged_with_their_cause_and_query_numbers_count_them(
-    quick, told, client, vpr, street, image, map_path, held
+    monkeypatch, told, client, vpr, street, image, map_path, held
 ):
+    monkeypatch.setattr(progress_log, '_LOOK_S', 0.05)
+    monkeypatch.setattr(progress_log, '_LOG_S', 0.1)
     node = vpr(map_path=map_path, queue_size=2)
     answers = client.listen(DiagnosticArray, '/vpr_node/answer')
     camera = client.camera(Image)

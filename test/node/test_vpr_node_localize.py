@@ -13,7 +13,6 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
-SECOND = 1_000_000_000
 BELIEF = {'matching': 'coherent'}
 UNKNOWN = None
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -132,9 +132,6 @@ def test_the_path_of_the_map_is_published_to_subscribers(client, vpr, map_path):
     assert {each.header.frame_id for each in (paths[0], *paths[0].poses)} == {'map'}
 
 
-SECOND = 1_000_000_000
-
-
 def test_every_frame_has_an_answer_that_is_its_row(client, vpr, show, map_path, tmp_path):
     table = tmp_path / 'live.csv'
     node = vpr(map_path=map_path, result_file=table)

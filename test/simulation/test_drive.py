@@ -12,7 +12,6 @@ from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.light import LIGHTS
 from convseq_ros.simulation.route import Route
 from convseq_ros.simulation.street import Street
-from convseq_ros.simulation.view import View
 import numpy as np
 import pytest
 
@@ -84,10 +83,6 @@ def test_a_rear_camera_on_the_way_back_sees_what_a_front_camera_saw():
 def test_a_drive_beyond_an_end_of_the_street_is_refused(speed_mps, told):
     with pytest.raises(ConvseqError, match=told):
         next(draw(STREET, replace(SMALL, num_frames=101, speed_mps=speed_mps)))
-
-
-def view(street, light='day'):
-    return View(street, LIGHTS[light], 160, 120, 80.0)
 
 
 @pytest.mark.parametrize('light', ['day', 'night'])

@@ -7,7 +7,6 @@ from convseq_ros.errors import SourceError
 from convseq_ros.sources import open_annotated, open_source
 from convseq_ros.sources.camera_info import camera_from_info, correction, fitted
 from convseq_ros.sources.recording import read_camera_in
-import numpy as np
 import pytest
 import recordings
 
@@ -16,23 +15,8 @@ P = (400.0, 0.0, 300.0, 0.0, 0.0, 410.0, 230.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 CAMERA = Camera(640, 480, 500.0, 510.0, 320.0, 240.0)
 
 
-def info(
-    k=K, p=P, size=(640, 480), binning=(0, 0), roi=(0, 0, 0, 0), model='plumb_bob', d=(0.0,) * 5
-):
-    kinds = recordings.ROS2.types
-    x, y, height, width = roi
-    return kinds['sensor_msgs/msg/CameraInfo'](
-        recordings.header(10**9),
-        size[1],
-        size[0],
-        model,
-        np.array(d),
-        np.array(k),
-        np.eye(3).ravel(),
-        np.array(p),
-        *binning,
-        kinds['sensor_msgs/msg/RegionOfInterest'](x, y, height, width, False),
-    )
+def info(k=K, p=P, size=(640, 480), model='plumb_bob', d=(0.0,) * 5, **more):
+    return recordings.camera_info(k, p, size, model, d, **more)
 
 
 def test_k_is_taken_and_p_where_it_is_zero():

@@ -7,7 +7,6 @@ import math
 from convseq_ros.core.rigid import of_roll_pitch_yaw
 from convseq_ros.sources import open_annotated
 from convseq_ros.sources.mount import as_parameter, mount_of, StaticTransforms, Tf
-import numpy as np
 import pytest
 import recordings
 
@@ -37,12 +36,7 @@ SIDEWAYS = tf(
 MOUNT = '0.3 0.5 0.9 0 0 1.5708'  # metres and radians
 
 
-def info(frame='camera_optical'):
-    k, p = np.array([50.0, 0, 16, 0, 50, 12, 0, 0, 1]), np.zeros(12)
-    part = KINDS['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False)
-    return KINDS['sensor_msgs/msg/CameraInfo'](
-        recordings.header(1, frame), 24, 32, '', np.zeros(0), k, np.eye(3).ravel(), p, 0, 0, part
-    )
+INFO = recordings.camera_info((50.0, 0, 16, 0, 50, 12, 0, 0, 1), frame='camera_optical')
 
 
 @pytest.fixture
@@ -51,7 +45,7 @@ def opened(write, pictures):
 
     def open_with(*messages, topic='/tf_static', layout='mcap file', camera='/info', **how):
         rows = recordings.drive(pictures[:2])
-        rows += [('/info', 1, info()), *((topic, 1, message) for message in messages)]
+        rows += [('/info', 1, INFO), *((topic, 1, message) for message in messages)]
         path, told = write(layout, rows), []
         source = open_annotated(path, camera_info=camera, tf=Tf(tell=told.append, **how))
         (mount,) = {frame.camera.mount for frame in source}
@@ -73,27 +67,28 @@ def test_a_camera_that_looks_sideways_has_the_mount_of_tf_static(opened, layout,
     ]
 
 
-def test_what_was_given_wins_and_both_are_reported(opened):
-    mount, told = opened(SIDEWAYS, camera_to_base='0 0 0 0 0 0')
-    assert mount is None
-    assert told == [
-        f'camera_to_base is "0 0 0 0 0 0" as given, and not "{MOUNT}", as /tf_static places '
-        'camera_optical in base_link'
-    ]
-
-
-def test_a_frame_that_nothing_leads_to_is_reported(opened):
-    mount, told = opened(SIDEWAYS, base_frame='base_footprint')
-    assert mount is None
-    assert told == [
-        '/tf_static has no way from base_footprint to camera_optical; name another --base-frame, '
-        'or give --camera-to-base'
-    ]
+@pytest.mark.parametrize(
+    ('how', 'told'),
+    [
+        (
+            {'camera_to_base': '0 0 0 0 0 0'},
+            [f'camera_to_base is "0 0 0 0 0 0" as given, and not "{MOUNT}", as /tf_static places '
+             'camera_optical in base_link'],
+        ),
+        (
+            {'base_frame': 'base_footprint'},
+            ['/tf_static has no way from base_footprint to camera_optical; name another '
+             '--base-frame, or give --camera-to-base'],
+        ),
+        ({'topic': '/tf', 'layout': 'mcap plain'}, []),  # what moves does not count
+    ],
+)  # fmt: skip
+def test_what_was_given_wins_and_what_tf_static_lacks_is_reported(opened, how, told):
+    assert opened(SIDEWAYS, **how) == (None, told)
 
 
 def test_without_tf_static_nothing_is_reported(opened):
     assert opened() == (None, [])
-    assert opened(SIDEWAYS, topic='/tf', layout='mcap plain') == (None, [])
 
 
 def test_a_camera_of_a_file_is_in_the_frame_of_the_images(opened, tmp_path):
