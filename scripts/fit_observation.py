@@ -13,80 +13,22 @@ keypoints; the shipped ratio of keypoints is drawn for each usual lead beside wh
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 import math
 from pathlib import Path
 
-from convseq_ros import build_map, Config, Frame, PlaceRecognizer
-from convseq_ros.config import make_config
+from convseq_ros import build_map, PlaceRecognizer
 from convseq_ros.core.decision.likelihood import CELLS
 from convseq_ros.core.decision.observation import Observation
 from convseq_ros.core.decision.usual_lead import KEYPOINTS
 from convseq_ros.evaluation.plots import new_figure, save
-from convseq_ros.evaluation.protocols import kept_halves
-from convseq_ros.sources.folder import ImageFolder
-from drawn_drives import drawn, Pair, PAIRS
 from drives import options
-import laps
+from known_drives import Drive, real, streets
 import numpy as np
 
-RIGHT, WRONG = 5.0, 15.0  # metres, or frames
 STEPS = 30
 NAMES = 'constant', 'strength', 'score', 'keypoints'
-ASKED = {'threads': 1, 'min_confidence': 1.0}  # never sure, so keypoints are always asked
+ASKED = {'min_confidence': 1.0}  # never sure, so keypoints are always asked
 Values = np.ndarray
-Shown = list[tuple[Frame, float]]  # position: nan if unknown, inf if not in the map
-
-
-@dataclass(frozen=True)
-class Drive:
-    """A map, a drive through it, and the distances of right and wrong answers."""
-
-    name: str
-    mapped: Shown
-    queries: Shown
-    config: Config
-    right: float = RIGHT
-    wrong: float = WRONG
-    lap: float = 1e9  # length after which positions repeat
-
-
-def of_drawn(pair: Pair) -> Drive:
-    """Return a drawn drive."""
-    (queries, there), (mapped, here) = drawn(pair, True), drawn(pair, False)
-    first, last = kept_halves(len(mapped))['middle']
-    kept = list(zip(mapped, here.tolist(), strict=True))[first:last]
-    shown = list(zip(queries, there.tolist(), strict=True))
-    return Drive(pair.name, kept, shown, make_config(ASKED))
-
-
-def of_corridor(folder: Path) -> Drive:
-    """Return the drive through the corridor."""
-    config = make_config({'keyframe_overlap': 1.0, **ASKED})
-    mapped, queries = (
-        [(frame, float(index)) for index, frame in enumerate(ImageFolder(folder / name))]
-        for name in ('ref', 'query')
-    )
-    first, last = kept_halves(len(mapped))['middle']
-    return Drive('corridor', mapped[first:last], queries, config)
-
-
-def of_laps(folder: Path) -> Drive:
-    """Return the drive after the first lap, with the first lap as map."""
-    config = make_config(ASKED)
-    truth = laps.read_truth(folder / 'ground_truth.csv')
-    drive = list(ImageFolder(folder / 'drive'))
-    where = [laps.place(truth, laps.number(frame)) for frame in drive]
-    places = [math.nan if at is None else float(at) for at in where]
-    shown = list(zip(drive, places, strict=True))
-    count = sum(laps.number(frame) <= laps.FIRST_LAP for frame in drive)
-    return Drive('laps', shown[:count], shown[count:], config, laps.RIGHT, laps.WRONG, laps.LAP)
-
-
-def other_circuit(drive: Drive, folder: Path) -> Drive:
-    """Return the drive on the other circuit, in the map of a drive."""
-    other = [(frame, math.inf) for frame in ImageFolder(folder / 'other')]
-    return Drive('laps, other', drive.mapped, other, drive.config, lap=drive.lap)
 
 
 def watched(recognizer: PlaceRecognizer) -> list[Observation]:
@@ -118,8 +60,7 @@ def leads(drive: Drive) -> Iterator[tuple[float, float, float, bool]]:
         place = sorted(newest.verified)[best]
         if place not in newest.asked:
             continue
-        away = abs(where[made.places[place].stamp_ns] - there)
-        off = min(away, abs(drive.lap - away))
+        off = drive.off(there, np.array([where[made.places[place].stamp_ns]]))[0]
         if off <= drive.right or off > drive.wrong:
             strength, score = newest.leads.strength[best], newest.leads.score[best]
             yield strength, score, newest.asked[place].lead, off <= drive.right
@@ -174,17 +115,15 @@ def usual_leads(values: Values) -> tuple[float, float, float]:
 def main() -> None:
     """Collect, fit, print and draw."""
     chosen = options(__doc__, data=None, output=Path('leads.png'))
-    drives = [of_drawn(pair) for pair in PAIRS]
-    if chosen.data:
-        drives += [of_corridor(chosen.data / 'corridor'), of_laps(chosen.data / 'laps')]
-        drives.append(other_circuit(drives[-1], chosen.data / 'laps'))
+    makers = [*streets(ASKED), *(real(chosen.data, ASKED) if chosen.data else ())]
+    drives = (make() for make in makers)
     found = {drive.name: np.array(list(leads(drive)), float).reshape(-1, 4) for drive in drives}
     leads_of = {name: values for name, values in found.items() if len(values)}
     every = [*leads_of.values()]
     rows, counts = np.concatenate(every), weights_of(every)
     print('weights      ', *NAMES)
     print('fitted       ', *(f'{one:.2f}' for one in fit(rows, counts)))
-    cells = [getattr(CELLS, name) for name in NAMES[:3]]
+    cells = CELLS.constant, CELLS.per_scale, CELLS.per_scale
     print('shipped cells', *(f'{one:.2f}' for one in cells))
     print("keypoints' leads: mean of right places, of wrong ones, sigma")
     print(f'shipped: {KEYPOINTS.by_day} in the same light, less in other; 0; {KEYPOINTS.sigma}')

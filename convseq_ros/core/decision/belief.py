@@ -34,7 +34,8 @@ class BELIEF:
     # Shares of mass that move, per keyframe.
     # To other velocities; also the prior of drives that meet the places in reverse order.
     changing: float = 0.01
-    entering: float = 0.004  # of elsewhere: enters the map, evenly over its places ...
+    # Of elsewhere: enters the map, evenly over its places. As much of copies ends ...
+    entering: float = 0.004
     # ... and of what is lost, at a start or where a session ends: as likely in the map as not,
     # but so little at a place that no frame decides alone.
     lost: float = 0.5
@@ -220,7 +221,9 @@ class Belief:
         states /= states.sum(axis=0)
         at = (np.arange(STATES)[:, None] * count + where).ravel()
         arrived = _summed(at, (states[:, sources] * weights).ravel(), STATES, count)
-        stays = (1 - BELIEF.jumping) * self._usual.moved(arrived, self.places >= earlier)
+        stays = (1 - BELIEF.jumping) * self._usual.moved(
+            arrived, self.places >= earlier, BELIEF.entering
+        )
         self._mass, self._states = changed * stays.sum(axis=0) / arrived.sum(axis=0), stays
         self._apart = max(0.0, 1.0 - float(stays.sum()))
 

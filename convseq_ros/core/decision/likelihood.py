@@ -26,8 +26,7 @@ class CELLS:
     """
 
     constant: float = -2.0  # without a lead
-    strength: float = 0.5  # per scale of the lead in strength
-    score: float = 0.5  # per scale of the lead in pair score ...
+    per_scale: float = 0.5  # of the lead in strength, and of that in pair score ...
     most_scales: float = 5.0  # ... up to this many: one similar house can score like a street
     works: float = 0.9  # probability that cells show a true place
     loss: float = 0.25  # log ratio per place of distance from a place that leads
@@ -95,7 +94,7 @@ class Leads:
     @property
     def cells(self) -> Doubles:
         """Logarithms (n,) of the cells' density ratios, linear in both leads."""
-        return CELLS.constant + CELLS.strength * self.strength + CELLS.score * self.score
+        return CELLS.constant + CELLS.per_scale * self.strength + CELLS.per_scale * self.score
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -31,10 +31,10 @@ class KEYPOINTS:
     by_day: float = 6.0  # the likeliest of them at first, if drive and map have the same light ...
     dark: float = 0.45  # ... and it falls to 0 at this difference of `KeypointWitness.difference`
     spread: float = 0.8  # difference from the likeliest over which the probability falls by e
-    changing: float = 0.1  # of the mass of a place, per keyframe: takes another usual lead
-    memory: float = 10.0  # matches from which the usual lead of a drive is learned
+    # Of the mass of a place, per keyframe: takes another usual lead. As much of the usual lead of a
+    # drive is learned from a match.
+    changing: float = 0.1
     copies: float = 0.001  # share of mass that enters the map at a copy of a place
-    ending: float = 0.004  # of copies, per keyframe: end
     sigma: float = 1.6  # of the leads of true places, and of others about 0
     floor: float = 2.0  # blocks that a rival has at least
     surprising: float = 3.0  # log ratio of a lead that chance does not give
@@ -76,15 +76,15 @@ class UsualLead:
         true = (1 - KEYPOINTS.copies) * self._by_place(is_current)
         return np.vstack((true, np.full(len(is_current), KEYPOINTS.copies)))
 
-    def moved(self, states: Doubles, is_current: Flags) -> Doubles:
+    def moved(self, states: Doubles, is_current: Flags, ending: float) -> Doubles:
         """
         Return the mass (6, n) of the states of places after a step.
 
-        A share takes a usual lead anew, and a share of the copies ends: it is elsewhere.
+        A share takes a usual lead anew. Of copies, the share `ending` is then elsewhere.
         """
         true, changing = states[:-1], KEYPOINTS.changing
         anew = changing * self._by_place(is_current) * true.sum(axis=0)
-        return np.vstack(((1 - changing) * true + anew, (1 - KEYPOINTS.ending) * states[-1]))
+        return np.vstack(((1 - changing) * true + anew, (1 - ending) * states[-1]))
 
     def learn(self, states: Doubles, is_current: bool) -> None:
         """
@@ -93,7 +93,7 @@ class UsualLead:
         None becomes less probable than the least probable at first: keypoints may fall silent.
         """
         known = self.probabilities(is_current)
-        learned = known + (states / states.sum() - known) / KEYPOINTS.memory
+        learned = known + KEYPOINTS.changing * (states / states.sum() - known)
         floored = np.maximum(learned, _at_first(0.0).min())
         self._learned[is_current] = floored / floored.sum()
 

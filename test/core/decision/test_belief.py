@@ -94,7 +94,7 @@ def test_what_keypoints_say_moves_mass_between_true_places_and_copies(a_map):
     states = belief.states_at(np.array([1]), 4)[:, 0]
     assert states == pytest.approx(usual.entering(np.array([False]))[:, 0])
     belief.predict(4, 4)
-    moved = usual.moved(states[:, None], np.array([False]))[:, 0]
+    moved = usual.moved(states[:, None], np.array([False]), BELIEF.entering)[:, 0]
     shares = moved * said[:, 1] / (moved @ said[:, 1])
     log_ratios = np.array([0, math.log(moved @ said[:, 1] / moved.sum()), 0, 0])
     belief.update(belief.places, log_ratios, np.zeros(4), 4, 4, said)

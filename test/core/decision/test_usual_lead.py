@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 USUAL = (0, 2, 4, 6, 8)
+ENDING = 0.004  # share of copies, per step
 LEAST = 2 * 2**0.5  # twice the root of the blocks that chance gives
 NEW, OURS = np.array([False]), np.array([True])  # a place of an earlier drive, of the running one
 
@@ -88,10 +89,10 @@ def test_one_entering_mass_in_a_thousand_is_at_a_copy():
 def test_a_tenth_takes_another_usual_lead_and_some_copies_end():
     usual = UsualLead()
     states = np.array([[0.5, 0, 0, 0, 0, 0.25]]).T
-    moved = usual.moved(states, OURS)[:, 0]
+    moved = usual.moved(states, OURS, ENDING)[:, 0]
     assert moved[:-1] == pytest.approx(0.5 * (0.9 * np.array([1, 0, 0, 0, 0]) + 0.1 * first(6)))
     assert moved[-1] == pytest.approx(0.996 * 0.25)
-    dark = usual.moved(states, NEW)[0, 0]  # in other light, keypoints stay silent
+    dark = usual.moved(states, NEW, ENDING)[0, 0]  # in other light, keypoints stay silent
     assert dark == pytest.approx(0.5 * (0.9 + 0.1 * first(0)[0]))
 
 
@@ -129,6 +130,6 @@ def test_whatever_keypoints_show_a_copy_is_never_denied(lead, difference, share)
     usual = UsualLead()
     usual.difference = difference
     states = share * usual.entering(NEW)
-    after = usual.moved(states, NEW) * ratios_of(lead)[:, None]
+    after = usual.moved(states, NEW, ENDING) * ratios_of(lead)[:, None]
     assert np.isfinite(after).all() and (after >= 0).all()
     assert after[-1, 0] == pytest.approx(0.996 * 0.001 * share)

@@ -1,0 +1,194 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Replay drives with other constants of the decision, and print what becomes of them.
+
+Usage: python scripts/fit_decision.py [--data FOLDER] [--change NAME=VALUE,... ...]
+[--fit NAME ...] [--processes 2]. On two cores it takes some minutes to encode the drives, and one
+for each change. A name is RECORD.name, such as BELIEF.entering. Each change is tried by itself. A
+constant to fit is multiplied and divided by 1.5, again and again, as long as the score grows.
+
+The score is the mean of log(p + 0.001) over a drive's keyframes, where p is the probability that
+the belief gives to the truth: the places within the right distance, or *elsewhere*. It is summed
+over drives; 0 is perfect. A match is right within the right distance, and false beyond the wrong
+one; between them it counts as neither.
+"""
+
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+import math
+from pathlib import Path
+import sys
+from typing import Any, NamedTuple
+
+from convseq_ros import build_map, PlaceRecognizer
+from convseq_ros.core.decision import belief, comparison, likelihood, observation, usual_lead
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import Descriptor, Frame, Match
+from drives import head, options, progress, row
+from known_drives import Drive, Make, more, real, streets
+import numpy as np
+
+RECORDS = {
+    'CELLS': likelihood.CELLS, 'COPIES': likelihood.COPIES, 'KEYPOINTS': usual_lead.KEYPOINTS,
+    'COMPARED': comparison.COMPARED, 'ASKED': observation.ASKED, 'BELIEF': belief.BELIEF,
+}  # fmt: skip
+FLOOR = 0.001  # of a probability: an answer cannot be more wrong than this
+FACTOR = 1.5
+Changes = dict[str, Any]
+
+
+class Encoded(NamedTuple):
+    """A drive whose keyframes are encoded."""
+
+    drive: Drive
+    made: ReferenceMap
+    keyframes: list[tuple[Frame, Descriptor]]
+
+
+PREPARED: list[Encoded] = []  # of this process
+
+
+def encoded(drive: Drive) -> Encoded:
+    """Return a drive with its keyframes, which do not depend on the decision."""
+    progress(f'encoding {drive.name}')
+    made = build_map([frame for frame, _ in drive.mapped], None, drive.config)
+    recognizer, keyframes = PlaceRecognizer(made, drive.config), list[tuple[Frame, Descriptor]]()
+    decide = recognizer._decide
+
+    def keep(frame: Frame, descriptor: Descriptor, missing: int) -> object:
+        keyframes.append((frame, descriptor))
+        return decide(frame, descriptor, missing)
+
+    recognizer._decide = keep  # type: ignore[method-assign,assignment]
+    for frame, _ in drive.queries:
+        recognizer.process(frame)
+    if drive.config.online.grows:
+        made = build_map([], None, drive.config)
+    return Encoded(drive, made, keyframes)
+
+
+def prepare(makers: list[Make]) -> None:
+    """Encode the drives of this process."""
+    PREPARED.extend(encoded(make()) for make in makers)
+
+
+def replay(drive: Drive, made: ReferenceMap, keyframes: list[tuple[Frame, Descriptor]]) -> Counter:
+    """Return the score of a drive, and its right and false matches."""
+    if drive.config.online.grows:
+        made = build_map([], None, drive.config)
+    recognizer, counts = PlaceRecognizer(made, drive.config), Counter[str]()
+    at = {frame.stamp_ns: here for frame, here in (*drive.mapped, *drive.queries)}
+    logs = []
+    for frame, descriptor in keyframes:
+        match = recognizer.process(frame, descriptor)
+        places = made.places[: recognizer.mapping.usable]
+        there = np.array([at[one.stamp_ns] for one in places])
+        off = drive.off(at[frame.stamp_ns], there)
+        if (found := probability(recognizer, off, drive, at[frame.stamp_ns])) is not None:
+            logs.append(math.log(found + FLOOR))
+        judge(match, off, counts, drive)
+    counts['score'] = float(np.mean(logs)) if logs else 0.0  # type: ignore[assignment]
+    return counts
+
+
+def probability(
+    recognizer: PlaceRecognizer, off: np.ndarray, drive: Drive, here: float
+) -> float | None:
+    """Return the probability of the truth; None if it is unknown."""
+    believed = recognizer.decider._belief
+    if math.isnan(here):
+        return None
+    if len(off) and off.min() <= drive.right:
+        return float(believed.mass[off[believed.places] <= drive.right].sum())
+    is_elsewhere = not len(off) or off.min() > drive.wrong
+    return believed.elsewhere if is_elsewhere else None
+
+
+def judge(match: Match, off: np.ndarray, counts: Counter, drive: Drive) -> None:
+    """Count a match."""
+    if match.accepted:
+        away = off[match.accepted.reference_index]
+        counts['right'] += bool(away <= drive.right)
+        counts['false'] += bool(away > drive.wrong)
+
+
+def results(changes: Changes) -> dict[str, Counter]:
+    """Return the counts of the drives of this process, with changed constants."""
+    before = {name: of(name) for name in changes}
+    try:
+        for name, value in changes.items():
+            set_to(name, value)
+        return {one.drive.name: replay(*one) for one in PREPARED}
+    finally:
+        for name, value in before.items():
+            set_to(name, value)
+
+
+def of(name: str) -> Any:
+    """Return the value of a constant."""
+    record, _, field = name.partition('.')
+    return getattr(RECORDS[record], field)
+
+
+def set_to(name: str, value: Any) -> None:
+    """Change a constant of this process."""
+    record, _, field = name.partition('.')
+    object.__setattr__(RECORDS[record], field, value)
+    likelihood.UNVERIFIED = observation.UNVERIFIED = math.log(1 - likelihood.CELLS.works)
+
+
+class Drives:
+    """Drives that are shared by processes."""
+
+    def __init__(self, makers: list[Make], processes: int) -> None:
+        self._pools = [
+            ProcessPoolExecutor(1, initializer=prepare, initargs=(makers[number::processes],))
+            for number in range(processes)
+        ]
+
+    def score(self, changes: Changes) -> float:
+        """Replay all drives, print a row, and return the score."""
+        waiting = [pool.submit(results, changes) for pool in self._pools]
+        found = {name: counts for one in waiting for name, counts in one.result().items()}
+        total = sum(counts['score'] for counts in found.values())
+        right, false = (sum(one[kind] for one in found.values()) for kind in ('right', 'false'))
+        each = (f'{name} {one["right"]}+{one["false"]}' for name, one in sorted(found.items()))
+        changed = ' '.join(f'{name}={value:.4g}' for name, value in changes.items())
+        row(changed or 'shipped', f'{total:.3f}', right, false, '; '.join(each))
+        return total
+
+
+def fitted(drives: Drives, name: str, changes: Changes, best: float) -> tuple[Changes, float]:
+    """Return the changes with a constant as good as it gets, and their score."""
+    for factor in (FACTOR, 1 / FACTOR):
+        first = best
+        while True:
+            tried = {**changes, name: changes.get(name, of(name)) * factor}
+            if (score := drives.score(tried)) <= best:
+                break
+            changes, best = tried, score
+        if best > first:
+            break
+    return changes, best
+
+
+def main() -> None:
+    """Encode, replay, and print a table."""
+    chosen = options(__doc__, data=None, change=[''], fit=[''], processes=2)
+    data: Path | None = chosen.data
+    makers = [*(real(data, {}) if data else ()), *more(data, {}), *streets({})]
+    drives, changes = Drives(makers, chosen.processes), Changes()
+    head('changed', 'score', 'right', 'false', 'right + false of each drive')
+    best = drives.score(changes)
+    for words in filter(None, chosen.change):
+        pairs = (word.split('=') for word in words.split(','))
+        drives.score({name: float(value) for name, value in pairs})
+    for name in filter(None, chosen.fit):
+        changes, best = fitted(drives, name, changes, best)
+    for name, value in changes.items():
+        print(f'{name} = {value:.4g}', file=sys.stderr)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,179 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Drives of which each frame's place is known, to fit constants on.
+
+A position is a distance along the way: in metres if drawn, otherwise in frames. It is nan if it is
+unknown, and infinite if no map has it.
+"""
+
+from collections.abc import Callable, Sequence
+import csv
+from dataclasses import dataclass, replace
+from functools import partial
+import math
+from pathlib import Path
+from typing import Any
+
+import aisles
+from convseq_ros import Config, Frame
+from convseq_ros.config import make_config
+from convseq_ros.evaluation.protocols import kept_halves
+from convseq_ros.simulation.street import Street
+from convseq_ros.sources.folder import ImageFolder
+from drawn_drives import drawn, Pair, PAIRS
+import laps
+import numpy as np
+
+RIGHT, WRONG = 5.0, 15.0
+TWIN = 1e6  # position where a twin aisle begins
+PIECE, STEP_NS = 30, 10**8  # images between jumps, and between images
+Shown = list[tuple[Frame, float]]  # with positions
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A map, and a drive; without a map, the drive maps its own way."""
+
+    name: str
+    mapped: Shown
+    queries: Shown
+    config: Config
+    right: float = RIGHT  # from the truth: an answer is right
+    wrong: float = WRONG  # ... and wrong beyond
+    lap: float = math.inf  # length after which positions repeat
+
+    def off(self, here: float, there: np.ndarray) -> np.ndarray:
+        """Return the distances (n,) of positions from one; infinite where one is not mapped."""
+        away = np.nan_to_num(abs(there - here), nan=math.inf)
+        return np.minimum(away, abs(self.lap - away)) if math.isfinite(self.lap) else away
+
+
+Make = Callable[[], Drive]
+
+
+def config_of(changes: dict[str, Any], **more: Any) -> Config:
+    """Return the default configuration with changes, on one thread."""
+    return make_config({'threads': 1, **changes, **more})
+
+
+def of_street(pair: Pair, changes: dict[str, Any], half: str = 'middle') -> Drive:
+    """Return a drawn drive in half of its map."""
+    (queries, there), (mapped, here) = drawn(pair, True), drawn(pair, False)
+    first, last = kept_halves(len(mapped))[half]
+    kept = list(zip(mapped, here.tolist(), strict=True))[first:last]
+    shown = list(zip(queries, there.tolist(), strict=True))
+    return Drive(pair.name, kept, shown, config_of(changes))
+
+
+def own_street(pair: Pair, changes: dict[str, Any]) -> Drive:
+    """Return a drawn drive that never returns and maps its way."""
+    shown = zip(*drawn(pair, True), strict=True)
+    queries = [(frame, float(at)) for frame, at in shown]
+    return Drive(f'own {pair.name}', [], queries, config_of(changes, mode='online'))
+
+
+def of_corridor(folder: Path, changes: dict[str, Any], half: str = 'middle') -> Drive:
+    """Return the drive through the corridor in half of its map."""
+    config = config_of(changes, keyframe_overlap=1.0)
+    mapped, queries = (_counted(folder / name) for name in ('ref', 'query'))
+    first, last = kept_halves(len(mapped))[half]
+    return Drive(f'corridor {half}', mapped[first:last], queries, config)
+
+
+def own_corridor(folder: Path, changes: dict[str, Any]) -> Drive:
+    """Return the drive through the corridor, which maps its way."""
+    return Drive('own corridor', [], _counted(folder / 'ref'), config_of(changes, mode='online'))
+
+
+def of_office(folder: Path, changes: dict[str, Any]) -> Drive:
+    """Return the second round through an office, which maps its way."""
+    with (folder / 'loops_gt.csv').open(newline='') as rows:
+        truth = {int(row['frame']): float(row['revisits']) for row in csv.DictReader(rows)}
+    pictures = enumerate(ImageFolder(folder), start=1)
+    queries = [(frame, truth.get(number, float(number))) for number, frame in pictures]
+    return Drive('rtabmap84', [], queries, config_of(changes, mode='online'))
+
+
+def of_laps(folder: Path, changes: dict[str, Any], what: str) -> Drive:
+    """Return the drive after the first lap, the other circuit, laps online, or pieces of laps."""
+    truth = laps.read_truth(folder / 'ground_truth.csv')
+    shown = []
+    for frame in ImageFolder(folder / 'drive'):
+        at = laps.place(truth, laps.number(frame))
+        shown.append((frame, math.nan if at is None else float(at)))
+    first = sum(laps.number(frame) <= laps.FIRST_LAP for frame, _ in shown)
+    mapped, queries = shown[:first], shown[first:]
+    if what == 'online':
+        mapped, queries = [], shown
+    elif what == 'other':
+        queries = [(frame, math.inf) for frame in ImageFolder(folder / 'other')]
+    elif what == 'jumps':
+        pieces = [queries[at : at + PIECE] for at in range(0, len(queries), PIECE)]
+        np.random.default_rng(0).shuffle(pieces)  # type: ignore[arg-type]
+        begun_ns = 10**15
+        queries = [
+            (replace(frame, stamp_ns=begun_ns + number * STEP_NS), at)
+            for number, (frame, at) in enumerate(one for piece in pieces for one in piece)
+        ]
+    config = config_of(changes, mode='online' if what == 'online' else 'preloaded')
+    return Drive(f'laps {what}', mapped, queries, config, laps.RIGHT, laps.WRONG, laps.LAP)
+
+
+def of_aisles(seed: int, light: str, changes: dict[str, Any], what: str) -> Drive:
+    """Return a drive through aisle B, or A and B, of which A, both, or both turned are mapped."""
+    way = Street(250 + 2 * aisles.MARGIN_M, seed)
+    twin = replace(way, things_seed=1000 + seed, alike=0.0)
+    turned = aisles.Turned(twin)
+    back = what in ('back', 'turned')
+    other = turned if what == 'turned' else twin
+    maps = [aisles.driven(way, 'A')] + [aisles.driven(other, 'B')] * (what != 'only A')
+    parts = [aisles.driven(other, 'B', light, back)]
+    if what != 'only A':
+        parts.insert(0, aisles.driven(way, 'A', light, back))
+
+    def placed(shown: Sequence[aisles.Shown], is_mapped: bool) -> Shown:
+        return [
+            (frame, at_m + TWIN * (aisle == 'B') if is_mapped else math.inf)
+            for (aisle, at_m), frame in aisles.one_drive(tuple(shown))
+        ]
+
+    name = f'aisles {what} {seed}'
+    return Drive(name, placed(maps, True), placed(parts, what == 'both'), config_of(changes))
+
+
+def _counted(folder: Path) -> Shown:
+    return [(frame, float(index)) for index, frame in enumerate(ImageFolder(folder))]
+
+
+def streets(changes: dict[str, Any]) -> list[Make]:
+    """Return the drawn drives of `PAIRS`, in the middle halves of their maps."""
+    return [partial(of_street, pair, changes) for pair in PAIRS]
+
+
+def real(data: Path, changes: dict[str, Any]) -> list[Make]:
+    """Return the drives through the corridor and laps."""
+    of = partial(of_laps, data / 'laps', changes)
+    return [
+        partial(of, 'first'),
+        partial(of, 'other'),
+        partial(of_corridor, data / 'corridor', changes),
+    ]
+
+
+def more(data: Path | None, changes: dict[str, Any]) -> list[Make]:
+    """Return drives that map their own way, jump, or have a twin."""
+    found: list[Make] = [partial(own_street, PAIRS[at], changes) for at in (2, 9, 11)]
+    for seed, light in ((1, 'day'), (2, 'evening')):
+        found += [partial(of_aisles, seed, light, changes, what) for what in ('only A', 'turned')]
+    found.append(partial(of_aisles, 1, 'day', changes, 'both'))
+    if data:
+        corridor = partial(of_corridor, data / 'corridor', changes)
+        of = partial(of_laps, data / 'laps', changes)
+        found += [
+            partial(of, 'online'), partial(of, 'jumps'),
+            partial(corridor, 'first'), partial(corridor, 'last'),
+            partial(own_corridor, data / 'corridor', changes),
+            partial(of_office, data / 'rtabmap84', changes),
+        ]  # fmt: skip
+    return found
