@@ -15,9 +15,9 @@ from convseq_ros.config.config import (
     MatchingConfig,
     MotionConfig,
     OnlineConfig,
-    RobotConfig,
     with_values,
 )
+from convseq_ros.config.robot_config import RobotConfig
 from convseq_ros.config.sequence_config import SequenceConfig
 
 __all__ = [

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What RViz and Foxglove draw of a map: its places, its newest drive, closures, the match."""
 
-from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterable, Sequence
 import colorsys
@@ -61,7 +60,7 @@ class MapTopics:
         self._posed += sum(place.pose is not None for place in new)
         self._length, self._published_s = length, now_s
         self._info.publish(map_info_message(reference_map, self._posed, frame_id))
-        drive = _newest_drive(reference_map.places)
+        drive = _newest_drive(reference_map)
         poses = ((place.stamp_ns, place.pose) for place in drive if place.pose)
         message = path_message(poses, frame_id)
         if message.poses or self._has_path:
@@ -88,14 +87,12 @@ def map_info_message(reference_map: ReferenceMap, posed: int, frame_id: str) -> 
     return row_message(Header(stamp=stamp, frame_id=frame_id), text, values)
 
 
-def _newest_drive(places: Sequence[Place]) -> Sequence[Place]:
+def _newest_drive(reference_map: ReferenceMap) -> Sequence[Place]:
     """Return the places of the newest drive with a pose, thinned out to 5000."""
-    end = len(places)
-    while end:
-        session = places[end - 1].session
-        start = bisect_left(places, session, 0, end, key=lambda place: place.session)
+    end = len(reference_map)
+    for start in reversed(reference_map.bounds.starts.tolist()):
         step = max(1, math.ceil((end - start) / _MOST_PLACES))
-        drive = places[start:end:step]
+        drive = reference_map.places[start:end:step]
         if any(place.pose for place in drive):
             return drive
         end = start

@@ -145,13 +145,12 @@ class FollowingSubscription:
         if info.total_count and not info.current_count:
             if not (is_strict and is_volatile):
                 self._subscribe()
-        elif self._latched and is_volatile and self._is_kept():
-            self._subscribe(self._reliability, DurabilityPolicy.TRANSIENT_LOCAL)
-
-    def _is_kept(self) -> bool:
-        """Return whether a publisher keeps its last messages for those who come later."""
-        ends = self._node.get_publishers_info_by_topic(self.topic)
-        return any(end.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL for end in ends)
+        elif self._latched and is_volatile:
+            # Some publishers keep their last messages for those who come later.
+            ends = self._node.get_publishers_info_by_topic(self.topic)
+            kept = DurabilityPolicy.TRANSIENT_LOCAL
+            if any(end.qos_profile.durability is kept for end in ends):
+                self._subscribe(self._reliability, kept)
 
     def _on_lost(self, info: QoSMessageLostInfo) -> None:
         self._reported += info.total_count_change

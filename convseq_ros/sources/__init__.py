@@ -56,6 +56,7 @@ class AnnotatedFrames:
     camera_of: CameraOf | None
     depth_at: DepthAt | None = None
     poses_of: str = ''  # topic or file
+    mount: Pose | None = None  # of the camera, if it is known
 
     def __post_init__(self) -> None:
         self.name, self.topic = self.source.name, self.source.topic
@@ -72,7 +73,8 @@ class AnnotatedFrames:
             has_pose = has_pose or pose is not None
             camera = None
             if self.camera_of and frame.gray is not None:
-                described = described or self.camera_of(*frame.gray.shape)
+                if described is None:
+                    described = replace(self.camera_of(*frame.gray.shape), mount=self.mount)
                 camera = fitted(described, *frame.gray.shape)
             depth_m = self.depth_at(index, frame.stamp_ns) if self.depth_at else None
             yield replace(frame, pose=pose, camera=camera, depth_m=depth_m)
@@ -158,20 +160,16 @@ def open_annotated(
     elif camera_info:
         camera, optical_frame = read_camera_in(path, camera_info, reading, source.warnings)
         camera_of = lambda _height, _width: camera  # noqa: E731
+    mount = None
     if camera_of and isinstance(source, Recording):
         mount = _mount(source, path, optical_frame, tf, reading)
-        camera_of = _mounted(camera_of, mount)
     depth_at: DepthAt | None = None
     if depth and (Path(depth).is_dir() or is_folder):
         depth_at = DepthFolder(Path(depth), reading, source.warnings)
     elif depth:
         messages = TopicMessages(path, depth, DEPTH_TYPES, '--depth', reading)
         depth_at = DepthTopic(messages, reading, source.warnings)
-    return AnnotatedFrames(source, pose_at, camera_of, depth_at, str(odom or poses))
-
-
-def _mounted(camera_of: CameraOf, mount: Pose | None) -> CameraOf:
-    return lambda height, width: replace(camera_of(height, width), mount=mount)
+    return AnnotatedFrames(source, pose_at, camera_of, depth_at, str(odom or poses), mount)
 
 
 def _mount(

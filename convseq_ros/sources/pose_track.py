@@ -54,7 +54,7 @@ class PoseTrack:
         after = bisect_left(self._stamps, stamp_ns)
         if after < len(self._stamps) and self._stamps[after] == stamp_ns:
             return self._poses[after]
-        if not after or (after == len(self._stamps) and self._too_late(stamp_ns)):
+        if not after or len(self._stamps) < 2 or stamp_ns - self._stamps[-1] > _FURTHEST_NS:
             return None
         after = min(after, len(self._stamps) - 1)
         span_ns = self._stamps[after] - self._stamps[after - 1]
@@ -62,9 +62,6 @@ class PoseTrack:
             return None
         share = (stamp_ns - self._stamps[after - 1]) / span_ns
         return _between(self._poses[after - 1], self._poses[after], share)
-
-    def _too_late(self, stamp_ns: int) -> bool:
-        return len(self._stamps) < 2 or stamp_ns - self._stamps[-1] > _FURTHEST_NS
 
 
 def pose_from_message(pose: Any) -> Pose | None:

@@ -37,9 +37,7 @@ class Video:
         capture = self._opened()
         width, height = map(capture.get, (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         what = f'{path}: an image of {width:.0f} x {height:.0f} px'
-        if line := reading.above('max_image_mpx', width * height / 1e6, what):
-            capture.release()
-            raise SourceError(line)
+        reading.refuse_above('max_image_mpx', width * height / 1e6, what)
         rate_hz = capture.get(cv2.CAP_PROP_FPS)
         has_rate = 0 < rate_hz < _MAX_RATE_HZ
         self._interval_ns = round(1e9 / (rate_hz if has_rate else _USUAL_RATE_HZ))
