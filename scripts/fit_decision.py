@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 from convseq_ros import build_map, PlaceRecognizer
 from convseq_ros.core.decision import belief, comparison, likelihood, observation, usual_lead
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Descriptor, Frame, Match
+from convseq_ros.core.types import Descriptor, Frame
 from drives import head, options, progress, row
 from known_drives import Drive, Make, more, real, streets
 import numpy as np
@@ -78,39 +78,32 @@ def replay(drive: Drive, made: ReferenceMap, keyframes: list[tuple[Frame, Descri
     if drive.config.online.grows:
         made = build_map([], None, drive.config)
     recognizer, counts = PlaceRecognizer(made, drive.config), Counter[str]()
-    at = {frame.stamp_ns: here for frame, here in (*drive.mapped, *drive.queries)}
+    queries = {frame.stamp_ns: here for frame, here in drive.queries}
+    mapped = {frame.stamp_ns: here for frame, here in drive.mapped} or queries
     logs = []
     for frame, descriptor in keyframes:
-        match = recognizer.process(frame, descriptor)
+        match, here = recognizer.process(frame, descriptor), queries[frame.stamp_ns]
         places = made.places[: recognizer.mapping.usable]
-        there = np.array([at[one.stamp_ns] for one in places])
-        off = drive.off(at[frame.stamp_ns], there)
-        if (found := probability(recognizer, off, drive, at[frame.stamp_ns])) is not None:
+        off = drive.off(here, np.array([mapped[one.stamp_ns] for one in places]))
+        if (found := probability(recognizer, off, drive)) is not None:
             logs.append(math.log(found + FLOOR))
-        judge(match, off, counts, drive)
+        if match.accepted:
+            away = off[match.accepted.reference_index]
+            counts['right'] += bool(away <= drive.right)
+            counts['false'] += bool(away > drive.wrong)
     counts['score'] = float(np.mean(logs)) if logs else 0.0  # type: ignore[assignment]
     return counts
 
 
-def probability(
-    recognizer: PlaceRecognizer, off: np.ndarray, drive: Drive, here: float
-) -> float | None:
-    """Return the probability of the truth; None if it is unknown."""
-    believed = recognizer.decider._belief
-    if math.isnan(here):
+def probability(recognizer: PlaceRecognizer, off: np.ndarray, drive: Drive) -> float | None:
+    """Return the probability of the truth; None if it is unknown. `off` (n,) are distances."""
+    believed, known = recognizer.decider._belief, off[~np.isnan(off)]
+    if len(off) and not len(known):
         return None
-    if len(off) and off.min() <= drive.right:
+    if len(known) and known.min() <= drive.right:
         return float(believed.mass[off[believed.places] <= drive.right].sum())
-    is_elsewhere = not len(off) or off.min() > drive.wrong
+    is_elsewhere = not len(known) or known.min() > drive.wrong
     return believed.elsewhere if is_elsewhere else None
-
-
-def judge(match: Match, off: np.ndarray, counts: Counter, drive: Drive) -> None:
-    """Count a match."""
-    if match.accepted:
-        away = off[match.accepted.reference_index]
-        counts['right'] += bool(away <= drive.right)
-        counts['false'] += bool(away > drive.wrong)
 
 
 def results(changes: Changes) -> dict[str, Counter]:

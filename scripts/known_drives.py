@@ -44,8 +44,10 @@ class Drive:
     lap: float = math.inf  # length after which positions repeat
 
     def off(self, here: float, there: np.ndarray) -> np.ndarray:
-        """Return the distances (n,) of positions from one; infinite where one is not mapped."""
-        away = np.nan_to_num(abs(there - here), nan=math.inf)
+        """Return the distances (n,) of positions from one; nan where one is unknown."""
+        if math.isinf(here):
+            return np.where(np.isnan(there), math.nan, math.inf)
+        away = abs(there - here)
         return np.minimum(away, abs(self.lap - away)) if math.isfinite(self.lap) else away
 
 
