@@ -20,7 +20,7 @@ from convseq_ros.errors import MapError
 import numpy as np
 import pytest
 
-from bench.torture.maps import APART, cells, drawn, ENCODING
+from bench.torture.maps import APART, cells, drawn, ENCODING, holds
 
 pytestmark = pytest.mark.once
 
@@ -230,6 +230,16 @@ def test_the_journal_of_the_old_map_does_not_spoil_the_one_that_replaces_it(cras
     assert len(opened) == 30
     assert all((opened.packed(index) == cells(index)).all() for index in range(30))
     assert list(crashed.parent.iterdir()) == [crashed]
+
+
+def test_the_old_map_is_mended_before_its_journal_goes(crashed, monkeypatch):
+    def fail(*_):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr('os.replace', fail)
+    with pytest.raises(MapError, match='No space left on device'):
+        save_map(drawn(30), crashed)
+    assert holds(crashed) == 20 and not crashed.with_name('map.db-journal').exists()
 
 
 def test_a_copy_of_what_changes_meanwhile_is_not_read(crashed, monkeypatch):

@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 import math
+from types import SimpleNamespace
 
 from convseq_ros.config import Config, EVERY_FRAME, MatchingConfig, RobotConfig
 from convseq_ros.core.encoding.descriptor import describe
@@ -13,7 +14,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.pose.estimate import relative_yaw, shift_px
-from convseq_ros.core.pose.relative_pose import RelativePoses
+from convseq_ros.core.pose.relative_pose import CellView, RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import inverse, matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.similarity.matcher import make_matcher, Matcher
@@ -93,6 +94,19 @@ def test_the_search_for_regions_begins_where_the_whole_image_went(street, made, 
     turned_query = replace(query, gray=gray, pose=pose_of(ahead))
     metres, radians = off(made(turned_query, 11), turned_query, place)
     assert metres < 0.45 and radians < 0.03
+
+
+@pytest.mark.parametrize(('turn_rad', 'across'), [(0.0, 0), (math.atan(0.1), 4)])
+def test_the_search_begins_at_the_median_of_where_regions_went(turn_rad, across):
+    class Begun(CellView):
+        def sight_from(self, _other, _moved, start):
+            return start
+
+    # Cells are 12.5 px wide, so a tenth of the focal length is 4 cells.
+    camera = Camera(400, 300, 500.0, 500.0, 100.0, 200.0)
+    view, moved = Begun(camera, SimpleNamespace(side=30)), np.eye(4)
+    moved[:3, :3] = cv2.Rodrigues(np.array((0.0, turn_rad, 0.0)))[0]
+    assert view.sight(view, moved) == (0, across)
 
 
 def test_distortion_is_taken_out(street, made):

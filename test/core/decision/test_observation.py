@@ -11,7 +11,7 @@ from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.likelihood import COPIES
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.observation import Observer
-from convseq_ros.core.decision.usual_lead import UsualLead
+from convseq_ros.core.decision.usual_lead import ratios_of, UsualLead
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.types import Frame
 from hypothesis import given, settings
@@ -130,7 +130,7 @@ def ratio(reference_map, told=None, place=30, masses=None, **how):
 
 def test_the_place_that_is_shown_gains_and_the_others_lose(a_map):
     seen, ratios = looked(a_map(100), Shown(scored(), SHOWN))
-    assert seen.has_rivals and seen.asked == {}
+    assert seen.has_rivals and seen.asked == {} and seen.keypoints is None
     # A lead of 10 in twice the roots and of half a scale; by chance it lies there 9 in 100 times.
     total = 0.9 * math.exp(-2.0 + 0.5 * 10 + 0.5 * 0.5) * 100 / 9 + 0.1
     assert ratios[30] == pytest.approx(math.log(total / (1 + 0.0015 * total)))
@@ -172,6 +172,8 @@ def test_keypoints_are_asked_about_the_strongest_places_apart_and_the_likeliest(
     assert [*seen.asked] == told.places and seen.asked[30].lead == pytest.approx(
         2 * 60**0.5 - 2 * 4**0.5
     )
+    said = seen.keypoints[:, seen.places == 30][:, 0]
+    assert said == pytest.approx(ratios_of(seen.asked[30].lead))
 
 
 def test_keypoints_are_not_asked_where_the_belief_is_sure_and_cells_agree(a_map):
