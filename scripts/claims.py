@@ -10,17 +10,20 @@ machine, and HBST, which takes an hour. Exit code 1 if one does not hold.
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 import json
+import os
 from pathlib import Path
 import re
 import subprocess
 import sys
 import tempfile
+import time
 
 from convseq_ros.evaluation.data_set import open_data_set
-from drives import head, row
+from drives import head, progress, row
 
 HERE = Path(__file__).resolve().parent
 README = (HERE.parent / 'README.md').read_text(encoding='utf-8')
@@ -30,12 +33,21 @@ SETS = {  # of the columns of the second table
     'Gardens Point': ONE_DIRECTION, 'corridor': 'corridor', 'RTAB-Map': 'rtabmap84',
     'laps': 'laps', 'night': 'street_night', 'noise': 'street_noise', 'other lane': 'street_lane',
 }  # fmt: skip
+BEST = (  # answers: the row of the first table, the set and the methods
+    ('best answer is right, single images', OTHER, ('single', 'cohog')),
+    ('best answer is right, sequences', ONE_DIRECTION, ('convseq', 'paper')),
+)
+WORDS = 'orb-bow+vocabulary=WORDS+levels=6+direct=4'  # its sets share keypoints to learn of
 METHODS = {
-    'ORB, bag of words': ('orb-bow', 'orb-bow+vocabulary=WORDS+levels=6+direct=4'),
+    'ORB, bag of words': ('orb-bow', WORDS),
     'SIFT, VLAD': ('sift-vlad', 'sift-vlad+rows=0'),
     '**ours**': ('convseq',),
 }  # fmt: skip
+NEEDLESS = ONE_DIRECTION, 'sift-vlad+rows=0'  # its images are large, and none is enlarged
 SLOW = {'HBST': 'takes an hour: scripts/peers.py --methods hbst'}
+ALONE = {'OPENBLAS_NUM_THREADS': '1', 'OPENCV_FOR_THREADS_NUM': '1'}
+
+Recalls = dict[tuple[str, str], float]  # of a set and a method, percent
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +72,15 @@ class Claim:
 
 
 def output_of(*words: str) -> str:
-    """Return what a Python program prints."""
-    done = subprocess.run([sys.executable, *words], stdout=subprocess.PIPE, text=True, check=True)
+    """Return what a Python program of one thread prints."""
+    started, environment = time.monotonic(), {**os.environ, **ALONE}
+    done = subprocess.run(
+        [sys.executable, *words], capture_output=True, text=True, env=environment, check=False
+    )
+    if done.returncode:
+        progress(done.stderr)
+        done.check_returncode()
+    progress(f'{time.monotonic() - started:.0f} s: {" ".join(words)}')
     return done.stdout
 
 
@@ -81,64 +100,92 @@ def numbers(label: str) -> list[float]:
     return [float(number) for number in re.findall(r'(?:\*\*|: )([\d.]+)', line.split('|')[3])]
 
 
-def best_answers(data: Path) -> Iterator[Claim]:
-    """Yield the claims on best answers, of ours and of the paper's method."""
-    for label, name, methods in (
-        ('best answer is right, single images', OTHER, ('single', 'cohog')),
-        ('best answer is right, sequences', ONE_DIRECTION, ('convseq', 'paper')),
-    ):
-        told = numbers(label)
-        reason, found = why_absent(name, data), dict[str, float]()
-        if not reason:
-            with tempfile.TemporaryDirectory() as folder:
-                asked = [word for method in methods for word in ('--method', method)]
-                where = '--data-root', str(data), '--output', folder
-                text = output_of(
-                    '-m', 'convseq_ros.cli', 'evaluate', name, *asked, *where, '--json'
-                )
-            for one in json.loads(text):
-                found[one['method']] = 100 * one['accuracy_matched']
-        for method, figure in zip(methods, told, strict=False):
-            yield Claim(f'{label}, {method}', figure, found.get(method), reason)
+def best_answers(data: Path, label: str, name: str, methods: Sequence[str]) -> list[Claim]:
+    """Return the claims on best answers, of ours and of the paper's method."""
+    reason, found = why_absent(name, data), dict[str, float]()
+    if not reason:
+        with tempfile.TemporaryDirectory() as folder:
+            asked = [word for method in methods for word in ('--method', method)]
+            how = '--data-root', str(data), '--output', folder, '--threads', '1', '--json'
+            text = output_of('-m', 'convseq_ros.cli', 'evaluate', name, *asked, *how)
+        for one in json.loads(text):
+            found[one['method']] = 100 * one['accuracy_matched']
+    return [
+        Claim(f'{label}, {method}', told, found.get(method), reason)
+        for method, told in zip(methods, numbers(label), strict=False)
+    ]
 
 
-def other_circuit(data: Path) -> Iterator[Claim]:
-    """Yield the claim on a circuit that is not mapped."""
+def other_circuit(data: Path) -> list[Claim]:
+    """Return the claim on a circuit that is not mapped."""
     measured, reason = None, why_absent('laps', data)
     if not reason:
-        table = output_of(str(HERE / 'laps.py'), '--data', str(data / 'laps'))
-        (line,) = (line for line in table.splitlines() if 'other circuit' in line)
+        how = '--data', str(data / 'laps'), '--threads', '1', '--only', 'other circuit'
+        *_, line = output_of(str(HERE / 'laps.py'), *how).splitlines()
         measured = float(line.split('|')[5])
     (told,) = numbers('another circuit')
-    yield Claim('another circuit, false', told, measured, reason, within=0)
+    return [Claim('another circuit, false', told, measured, reason, within=0)]
 
 
-def recalls(data: Path, sets: Sequence[str]) -> Iterator[Claim]:
-    """Yield the claims of the table of methods and sets."""
-    heading, *lines = README[README.index('| |Gardens Point') :].split('\n\n')[0].splitlines()
-    columns = [SETS[name.strip('\\* ')] for name in heading.split('|')[2:-1]]
-    names = [line.split('|')[1] for line in lines[1:]]
+def best_recalls(data: Path, sets: Sequence[str], methods: Sequence[str]) -> Recalls:
+    """Return the recall of methods on sets; of several variants of a method, the best counts."""
+    where = str(HERE / 'peers.py'), '--data', str(data)
+    table = output_of(*where, '--sets', *sets, '--methods', *methods).split('\n\n')[0]
+    found, place = Recalls(), ''
+    for line in table.splitlines()[2:]:
+        name, method, _, best, *_ = (cell.strip(' *') for cell in line.split('|')[1:])
+        place = name or place
+        key = place, method.split(',')[0]
+        found[key] = max(float(best), found.get(key, 0.0))
+    return found
+
+
+def started_recalls(pool: Executor, data: Path, sets: Sequence[str]) -> list[Future[Recalls]]:
+    """Start what measures recalls: the words of all sets, which takes longest, and each set."""
+    if not sets:
+        return []
+    names = [line.split('|')[1] for line in recall_lines()[2:]]
+    methods = [one for name in names for one in METHODS.get(name, (name.lower(),))]
+    quick = [one for one in methods if one != WORDS and one.upper() not in SLOW]
+    tables = [pool.submit(best_recalls, data, sets, [WORDS])]
+    for name in sets:
+        asked = [one for one in quick if (name, one) != NEEDLESS]
+        tables.append(pool.submit(best_recalls, data, [name], asked))
+    return tables
+
+
+def recall_lines() -> list[str]:
+    """Return the lines of the table of methods and sets."""
+    return README[README.index('| |Gardens Point') :].split('\n\n')[0].splitlines()
+
+
+def recalls(found: Recalls, reasons: Mapping[str, str]) -> Iterator[Claim]:
+    """Yield the claims of the table of methods and sets; `reasons` say which sets are skipped."""
+    for line in recall_lines()[2:]:
+        _, name, *told, _ = line.split('|')
+        own = {'**ours**': 'ours'}.get(name, METHODS.get(name, (name,))[0])
+        for (place, reason), figure in zip(reasons.items(), told, strict=True):
+            why = reason or SLOW.get(name, '')
+            recall = found.get((place, own))
+            yield Claim(f'{place}, {own}', float(figure), recall, why, WITHIN + 0.5)
+
+
+def claims(data: Path, sets: Sequence[str], pool: Executor) -> Iterator[Claim]:
+    """Start all that measures, and yield the claims in README's order."""
+    columns = [SETS[name.strip('\\* ')] for name in recall_lines()[0].split('|')[2:-1]]
     reasons = {name: why_absent(name, data) for name in columns}
     reasons |= {name: 'not asked for' for name in columns if name not in sets}
-    there, measured = (
-        [name for name in columns if not reasons[name]],
-        dict[tuple[str, str], float](),
-    )
-    if there:
-        words = [str(HERE / 'peers.py'), '--data', str(data), '--sets', *there, '--methods']
-        quick = [name for name in names if name not in SLOW]
-        words += [one for name in quick for one in METHODS.get(name, (name.lower(),))]
-        place = ''
-        for line in output_of(*words).split('\n\n')[0].splitlines()[2:]:
-            name, method, _, best, *_ = (cell.strip(' *') for cell in line.split('|')[1:])
-            place = name or place
-            method = method.split(',')[0]  # of several, the best counts
-            measured[place, method] = max(float(best), measured.get((place, method), 0.0))
-    for line, name in zip(lines[1:], names, strict=True):
-        own = {'**ours**': 'ours'}.get(name, METHODS.get(name, (name,))[0])
-        for place, figure in zip(columns, line.split('|')[2:-1], strict=True):
-            found, reason = measured.get((place, own)), reasons[place] or SLOW.get(name, '')
-            yield Claim(f'{place}, {own}', float(figure), found, reason, WITHIN + 0.5)
+    answers = [pool.submit(best_answers, data, *one) for one in BEST]
+    answers.append(pool.submit(other_circuit, data))
+    tables = started_recalls(pool, data, [name for name in columns if not reasons[name]])
+    for part in answers:
+        yield from part.result()
+    found = Recalls()
+    for table in tables:
+        for key, recall in table.result().items():
+            found[key] = max(recall, found.get(key, 0.0))
+    yield from recalls(found, reasons)
+    yield Claim('a frame, 10,000 places, ms', numbers('a frame')[0], None, 'python -m bench')
 
 
 def main() -> int:
@@ -148,18 +195,15 @@ def main() -> int:
     parser.add_argument('--data', type=Path, default=default, help='folder of data sets')
     parser.add_argument('--sets', nargs='*', default=[*SETS.values()], help='of the table')
     chosen = parser.parse_args()
+    pool, hold = ThreadPoolExecutor(len(os.sched_getaffinity(0))), list[bool]()
     head('figure', 'README', 'measured', 'verdict')
-    claims = list[Claim]()
-    for part in (
-        best_answers(chosen.data),
-        other_circuit(chosen.data),
-        recalls(chosen.data, chosen.sets),
-        [Claim('a frame, 10,000 places, ms', numbers('a frame')[0], None, 'python -m bench')],
-    ):
-        for claim in part:
+    try:
+        for claim in claims(chosen.data, chosen.sets, pool):
             row(*claim.cells())
-            claims.append(claim)
-    return int(not all(claim.holds for claim in claims))
+            hold.append(claim.holds)
+    finally:
+        pool.shutdown(cancel_futures=True)
+    return int(not all(hold))
 
 
 if __name__ == '__main__':

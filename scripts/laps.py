@@ -3,13 +3,14 @@
 """
 Print the recall on a circuit that is driven in laps, and on another circuit in the same hall.
 
-Usage: python scripts/laps.py --data FOLDER [--threads 1], about two minutes. FOLDER holds drive/,
-other/ and ground_truth.csv. Recall is the share of known keyframes with a right match. A keyframe
-is known if its true place (from at least 8 SIFT matches of a frame at most 8 away) is in the
-matchable part of the map. A match is right within 40 places of the true place and wrong beyond
-100; a lap has 840 places. The places of frames 1232 to 1371 are unknown. All matches of other/ are
-wrong. The query `all of the drive` includes the map's frames. Online, a place is known after 10 s;
-in the drive whose laps last 9 s, once it may be matched.
+Usage: python scripts/laps.py --data FOLDER [--threads 1] [--only QUERY], about two minutes; with
+--only 'other circuit', its row alone. FOLDER holds drive/, other/ and ground_truth.csv. Recall is
+the share of known keyframes with a right match. A keyframe is known if its true place (from at
+least 8 SIFT matches of a frame at most 8 away) is in the matchable part of the map. A match is
+right within 40 places of the true place and wrong beyond 100; a lap has 840 places. The places of
+frames 1232 to 1371 are unknown. All matches of other/ are wrong. The query `all of the drive`
+includes the map's frames. Online, a place is known after 10 s; in the drive whose laps last 9 s,
+once it may be matched.
 """
 
 from collections.abc import Iterable
@@ -120,28 +121,29 @@ def count(
 
 def main() -> None:
     """Map, recognise, and print a table."""
-    chosen = options(__doc__, data=None, threads=0)
+    chosen = options(__doc__, data=None, threads=0, only='')
     settings = {'threads': chosen.threads}
     config, online = make_config(settings), make_config({**settings, 'mode': 'online'})
     drive, other = (list(ImageFolder(chosen.data / name)) for name in ('drive', 'other'))
     truth = read_truth(chosen.data / 'ground_truth.csv')
     where = {frame.stamp_ns: place(truth, number(frame)) for frame in drive}
     lap, half = ([one for one in drive if number(one) <= last] for last in (FIRST_LAP, HALF))
+    rapid = [quick(frame) for frame in drive]
+    rapid_where = {frame.stamp_ns: place(truth, number(frame)) for frame in rapid}
+    all_but_last = [frame for frame in rapid if number(frame) <= LAST_LAP]
+    last = rapid[len(all_but_last) :]
     head('map', 'query', 'right of known', 'recall', 'wrong', 'accepted')
-    for name, mapped, query, queries, known, how in (
+    for name, mapped, query, *how in (
         ('first lap', lap, 'all of the drive', drive, where, config),
         ('first lap', lap, 'what follows', drive[len(lap) :], where, config),
         ('first lap', lap, f'other circuit, {len(other)} frames', other, {}, config),
         ('online', [], 'from the second lap on', drive, where, online),
         (f'up to {HALF}', half, 'what follows', drive[len(half) :], where, config),
+        ('laps of 9 s, all but the last', all_but_last, 'the last', last, rapid_where, config),
+        ('laps of 9 s, online', [], 'from the second lap on', rapid, rapid_where, online, None),
     ):
-        row(name, query, count(mapped, queries, known, how))
-    rapid = [quick(frame) for frame in drive]
-    where = {frame.stamp_ns: place(truth, number(frame)) for frame in rapid}
-    laps = [frame for frame in rapid if number(frame) <= LAST_LAP]
-    last = count(laps, rapid[len(laps) :], where, config)
-    row('laps of 9 s, all but the last', 'the last', last)
-    row('laps of 9 s, online', 'from the second lap on', count([], rapid, where, online, None))
+        if chosen.only in query:
+            row(name, query, count(mapped, *how))
 
 
 if __name__ == '__main__':
