@@ -31,8 +31,8 @@ class KEYPOINTS:
     by_day: float = 6.0  # the likeliest of them at first, if drive and map have the same light ...
     dark: float = 0.45  # ... and it falls to 0 at this difference of `KeypointWitness.difference`
     spread: float = 0.8  # difference from the likeliest over which the probability falls by e
-    # Of the mass of a place, per keyframe: takes another usual lead. As much of the usual lead of a
-    # drive is learned from a match.
+    # Of the mass of a place, per keyframe: takes another usual lead. As much of what is known of
+    # the drive is replaced by what a match shows.
     changing: float = 0.1
     copies: float = 0.001  # share of mass that enters the map at a copy of a place
     sigma: float = 1.6  # of the leads of true places, and of others about 0
@@ -68,8 +68,7 @@ class UsualLead:
 
     def probabilities(self, is_current: bool) -> Doubles:
         """Return the probabilities (5,) of the usual leads."""
-        first = _at_first(0.0 if is_current else self.difference)
-        return self._learned.get(is_current, first)
+        return self._learned.get(is_current, self._first(is_current))
 
     def entering(self, is_current: Flags) -> Doubles:
         """Return the shares (6, n) of the states of mass that enters places (n,); sums are 1."""
@@ -90,12 +89,19 @@ class UsualLead:
         """
         Take in the mass (5,) of the usual leads at a place that is a match.
 
-        None becomes less probable than the least probable at first: keypoints may fall silent.
+        None becomes less probable than the least probable at first. Silence, a usual lead of 0,
+        does not become more probable than at first: a copy is silent, too, so a silent match may
+        be false.
         """
         known = self.probabilities(is_current)
         learned = known + KEYPOINTS.changing * (states / states.sum() - known)
+        learned[0] = min(learned[0], self._first(is_current)[0])
         floored = np.maximum(learned, _at_first(0.0).min())
         self._learned[is_current] = floored / floored.sum()
+
+    def _first(self, is_current: bool) -> Doubles:
+        """Return the probabilities (5,) of the usual leads before the first match."""
+        return _at_first(0.0 if is_current else self.difference)
 
     def _by_place(self, is_current: Flags) -> Doubles:
         """Return the probabilities (5, n) of the usual leads of places (n,)."""

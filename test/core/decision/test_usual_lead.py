@@ -97,16 +97,24 @@ def test_a_tenth_takes_another_usual_lead_and_some_copies_end():
 
 
 def test_a_tenth_of_what_is_known_is_the_last_match():
-    usual, silent = UsualLead(), np.array([0.5, 0.0, 0.0, 0.0, 0.0])
-    usual.learn(silent, is_current=True)
-    expected = 0.9 * first(6) + [0.1, 0, 0, 0, 0]  # all above the floor
-    assert usual.probabilities(is_current=True) == pytest.approx(expected)
+    usual, four = UsualLead(), np.array([0.0, 0.0, 0.5, 0.0, 0.0])
+    usual.learn(four, is_current=True)
+    expected = 0.9 * first(6) + [0, 0, 0.1, 0, 0]
+    expected[0] = first(6)[0]  # the least probable at first
+    assert usual.probabilities(is_current=True) == pytest.approx(expected, rel=1e-3)
     assert usual.probabilities(is_current=False) == pytest.approx(first(0))
-    usual.learn(silent, is_current=True)
-    expected = 0.9 * expected + [0.1, 0, 0, 0, 0]
-    assert usual.probabilities(is_current=True) == pytest.approx(expected)
     usual.reset()
     assert usual.probabilities(is_current=True) == pytest.approx(first(6))
+
+
+@pytest.mark.parametrize('difference', [0.0, 0.3, 2.0])
+def test_silent_matches_do_not_teach_silence_as_a_copy_is_silent_too(difference):
+    usual = UsualLead()
+    usual.difference = difference
+    at_first = usual.probabilities(is_current=False)[0]
+    for _ in range(100):
+        usual.learn(np.array([0.7, 0.1, 0.0, 0.0, 0.0]), is_current=False)
+    assert usual.probabilities(is_current=False)[0] <= 1.2 * at_first
 
 
 def test_however_many_matches_show_it_keypoints_may_fall_silent():
