@@ -14,7 +14,7 @@ from convseq_ros.core.map.edit import joined, slices_of, write_new
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
-from convseq_ros.core.pose.image_pose import KEYPOINT, KeypointView
+from convseq_ros.core.pose.image_pose import KEYPOINT, Keypoints, KeypointView, matched_keypoints
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera
 from convseq_ros.simulation.drive import Drive
@@ -184,6 +184,30 @@ def test_units_of_keypoints_are_those_of_the_image_that_was_searched():
     camera = Camera(640, 480, 500.0, 400.0, 320.0, 240.0)
     view = KeypointView(camera, SimpleNamespace(size_px=(320, 120)))
     assert view.scale * KEYPOINT.unit_px == pytest.approx([250, 100])
+
+
+def test_keypoints_match_that_are_mutual_and_clearly_nearer_than_the_second():
+    first, second = (
+        Keypoints(np.zeros((len(rows), 2)), np.array(rows, np.float32), (1, 1))
+        for rows in ([(0, 0), (50, 0), (100, 0)], [(8, 0), (0, 10), (50, 0), (109, 0), (100, 10)])
+    )
+    # 8 of 10 are clear, and 9 of 10 are not.
+    assert matched_keypoints(first, second).tolist() == [[0, 0], [1, 2]]
+
+
+def test_a_match_off_its_epipolar_line_is_left_out():
+    rng, moved = np.random.default_rng(0), np.eye(4)
+    moved[:3, 3] = -1.0, 0.2, 0.1
+    camera = Camera(640, 480, 500.0, 500.0, 320.0, 240.0)
+    points = rng.uniform((-2, -1.5, 4), (2, 1.5, 12), (60, 3))
+    views = []
+    for seen in (points, points + moved[:3, 3]):
+        pixels = 500 * seen[:, :2] / seen[:, 2:] + (320, 240)
+        shares, descriptors = pixels / (640, 480), 100 * np.eye(60, dtype=np.float32)
+        views.append(KeypointView(camera, Keypoints(shares, descriptors, (640, 480))))
+    views[1].keypoints.shares[7] += 0.0, 0.1
+    found = views[0].sight_of_scene(views[1], moved).observed
+    assert np.flatnonzero(np.isnan(found).any(axis=1)).tolist() == [7]
 
 
 def test_a_camera_on_its_side_has_its_depth_turned_with_it(deep_street):

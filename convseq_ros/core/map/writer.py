@@ -221,8 +221,8 @@ def _delete_journal(path: Path) -> None:
     """Delete the journals of a file before it is replaced: SQLite would apply them to the new."""
     journals = [path.with_name(path.name + end) for end in BESIDE]
     if any(journal.exists() for journal in journals):
-        with suppress(MapError), as_map_error(path), closing(open_to_write(path)) as database:
-            database.number('PRAGMA page_count')  # repairs the file if possible
+        with suppress(MapError), as_map_error(path):
+            open_to_write(path).close()  # repairs the file if possible
         for journal in journals:
             journal.unlink(missing_ok=True)
 

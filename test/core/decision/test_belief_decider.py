@@ -61,6 +61,15 @@ def street(map_of):
 
 
 @pytest.fixture(scope='module')
+def posed(described):
+    """Return the map of the street with the poses of its places, a metre apart."""
+    made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
+    for place in range(PLACES):
+        made.add(Place(place, pose=at(place)), pack_cells(described(place).cells))
+    return made
+
+
+@pytest.fixture(scope='module')
 def drive(described):
     """Return a way to show places, one a step; None is a frame that cannot be read."""
 
@@ -224,10 +233,7 @@ def test_where_all_places_are_looks_of_one_there_is_none_to_compare_with(map_of,
         {index: index - 8.0 for index in range(8, 25)},
     ],
 )
-def test_odometry_that_jumps_resets_or_stops_counts_for_a_few_frames(described, drive, jumps):
-    posed = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
-    for place in range(PLACES):
-        posed.add(Place(place, pose=at(place)), pack_cells(described(place).cells))
+def test_odometry_that_jumps_resets_or_stops_counts_for_a_few_frames(posed, drive, jumps):
     ways = [*range(10, 35)]
     poses = [at(jumps.get(index, place)) for index, place in enumerate(ways)]
     matches, first = drive(PlaceRecognizer(posed, RESTLESS), ways, poses=poses), min(jumps)
@@ -242,6 +248,14 @@ def test_odometry_that_jumps_resets_or_stops_counts_for_a_few_frames(described, 
     start = 3 + (first if len(jumps) > 2 else max(jumps) + 1)
     behind = np.array(ways[start:]) - accepted(matches[start:])
     assert set(behind) <= ({0, 1, 2, 3} if stands else {0})
+
+
+def test_where_odometry_begins_anew_nothing_is_known_of_where_the_robot_is(posed, drive):
+    ways = [*range(10, 20), *range(1000, 1010), *range(40, 50)]  # the second part is in no map
+    poses = [at(x) for x in (*range(10, 30), *range(5000, 5010))]
+    matches = drive(PlaceRecognizer(posed, RESTLESS), ways, poses=poses)
+    assert accepted(matches[23:]) == [*range(43, 50)]
+    assert not any(match.implausible_m for match in matches[20:])
 
 
 @pytest.mark.skipif(not available(), reason='needs compiled kernels')
