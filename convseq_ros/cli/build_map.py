@@ -17,11 +17,13 @@ from convseq_ros.cli.options import (
     add_max_looks,
     chosen_images,
     progress,
+    quoted,
     read_parameter_file,
     say,
     tells_what_is_kept,
     warn,
 )
+from convseq_ros.cli.recording import describe_recording
 from convseq_ros.config import (
     Config,
     EncodingConfig,
@@ -129,7 +131,7 @@ def run(chosen: argparse.Namespace) -> int:
             f'at {built.frames / max(built.seconds, 1e-9):.0f} frames/s'
         )
         if built.added and not (built.with_pose or chosen.odom or chosen.poses):
-            print('no poses: none were asked for; add --odom TOPIC or --poses FILE')
+            print(f'no poses: {_why_no_pose(chosen)}')
     if built.interrupted:
         print('convseq build-map: interrupted; the map holds what was added', file=sys.stderr)
     return int(built.interrupted)
@@ -220,6 +222,16 @@ def _sessions(
             called = f'{name} {camera.topic}' if len(cameras) > 1 else name
             found.append((called, number, camera))
     return found
+
+
+def _why_no_pose(chosen: argparse.Namespace) -> str:
+    topics: list[str] = []
+    if not chosen.each:
+        facts = describe_recording(chosen.recording, chosen_reading(chosen))
+        topics = facts.get('use', {}).get('--odom', [])
+    remedy = ' or '.join(f'--odom {quoted(topic)}' for topic in topics)
+    remedy = remedy or '--odom TOPIC or --poses FILE'
+    return f'none were asked for; add {remedy}'
 
 
 def _settings() -> dict[str, list[Parameter]]:

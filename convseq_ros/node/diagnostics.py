@@ -127,6 +127,11 @@ class Diagnostics:
             )
         if silence:
             return DiagnosticStatus.WARN, silence
+        if self._has_twin():
+            return DiagnosticStatus.WARN, (
+                f'another node is named {self.node.get_fully_qualified_name()}; end it, or '
+                'rename one: -r __node:=NAME'
+            )
         if situation.transform_problem:
             return DiagnosticStatus.ERROR, situation.transform_problem
         for problem in (situation.model_problem, situation.stamp_problem):
@@ -149,6 +154,10 @@ class Diagnostics:
         if situation.session.is_growing:
             return DiagnosticStatus.OK, 'recognising places and adding to them'
         return DiagnosticStatus.OK, 'recognising places'
+
+    def _has_twin(self) -> bool:
+        names = self.node.get_node_names_and_namespaces()
+        return names.count((self.node.get_name(), self.node.get_namespace())) > 1
 
     def _is_failing(self, situation: Situation) -> bool:
         """Return whether new places cannot be written to this map, or to the one before it."""

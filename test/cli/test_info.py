@@ -151,9 +151,9 @@ def test_of_a_recording_without_a_camera_no_map_is_proposed(tmp_path, capsys):
     assert commands == [] and lines[-1] == 'no images of a camera: no map can be made of it'
 
 
-def test_a_map_without_poses_says_how_to_add_them(drive, capsys, tmp_path):
+def test_a_map_without_poses_says_which_topic_has_them(drive, capsys, tmp_path):
     assert main(['build-map', str(drive), str(tmp_path / 'map.db')]) == 0
-    assert 'no poses: none were asked for; add --odom TOPIC' in capsys.readouterr().out
+    assert 'no poses: none were asked for; add --odom /wheels/odom' in capsys.readouterr().out
 
 
 def test_poses_of_another_time_are_said_not_to_fit(drive, capsys, tmp_path):

@@ -5,8 +5,10 @@
 from collections.abc import Sequence
 
 from convseq_ros.config import EncodingConfig, make_config, with_values
+from convseq_ros.config.parameter import RETIRED
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.gate.gate import FrameGate
+from convseq_ros.core.map.online import RECENT
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.similarity.overlap import PaperSimilarity
@@ -122,3 +124,8 @@ def test_the_way_back_over_the_same_view_is_a_return(wall):
     for match in found:
         seen = round((match.accepted.reference_stamp_ns - SECOND) / SECOND)
         assert abs(seen - (2 * len(there) - 1 - match.query_index)) <= 3
+
+
+def test_the_line_about_what_is_gone_tells_the_number():
+    for name in ('exclusion_s', 'exclusion_m'):
+        assert f'the drive is {RECENT.keyframes} keyframes past them' in RETIRED[name]

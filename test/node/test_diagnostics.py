@@ -67,6 +67,14 @@ def test_keyframes_by_odometry_that_nobody_sends_are_a_warning(
     client.wait_for(told)
 
 
+def test_a_node_with_the_same_name_is_a_warning(client, vpr, map_path):
+    vpr(map_path=map_path, **PERIOD)
+    status_with(client, 'recognising places')
+    vpr(map_path=map_path, **PERIOD)
+    status = status_with(client, 'another node is named /vpr_node')
+    assert status.level == DiagnosticStatus.WARN
+
+
 def test_a_disabled_node_misses_nothing(client, vpr, map_path, impatient):
     vpr(map_path=map_path, **PERIOD)
     client.call(SetBool, '/vpr_node/set_enabled', data=False)
