@@ -174,8 +174,6 @@ def recalls(found: Recalls, reasons: Mapping[str, str]) -> Iterator[Claim]:
         _, name, *told, _ = line.split('|')
         own = {'**ours**': 'ours'}.get(name, METHODS.get(name, (name,))[0])
         for (place, reason), figure in zip(reasons.items(), told, strict=True):
-            if not figure.isdigit():  # not measured yet
-                continue
             why = reason or SLOW.get(name, '')
             recall = found.get((place, own))
             within = FEW.get(place, WITHIN) + 0.5  # README's figures are rounded
