@@ -22,7 +22,14 @@ import sys
 from typing import Any, NamedTuple
 
 from convseq_ros import build_map, PlaceRecognizer
-from convseq_ros.core.decision import belief, comparison, likelihood, observation, usual_lead
+from convseq_ros.core.decision import (
+    belief,
+    belief_decider,
+    comparison,
+    likelihood,
+    observation,
+    usual_lead,
+)
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame
 from drives import head, options, progress, row
@@ -63,8 +70,6 @@ def encoded(drive: Drive) -> Encoded:
     recognizer._decide = keep  # type: ignore[method-assign,assignment]
     for frame, _ in drive.queries:
         recognizer.process(frame)
-    if drive.config.online.grows:
-        made = build_map([], None, drive.config)
     return Encoded(drive, made, keyframes)
 
 
@@ -75,7 +80,7 @@ def prepare(makers: list[Make]) -> None:
 
 def replay(drive: Drive, made: ReferenceMap, keyframes: list[tuple[Frame, Descriptor]]) -> Counter:
     """Return the score of a drive, and its right and false matches."""
-    if drive.config.online.grows:
+    if drive.config.online.grows:  # the map has grown, so begin with an empty one
         made = build_map([], None, drive.config)
     recognizer, counts = PlaceRecognizer(made, drive.config), Counter[str]()
     queries = {frame.stamp_ns: here for frame, here in drive.queries}
@@ -128,7 +133,10 @@ def set_to(name: str, value: Any) -> None:
     """Change a constant of this process."""
     record, _, field = name.partition('.')
     object.__setattr__(RECORDS[record], field, value)
-    likelihood.UNVERIFIED = observation.UNVERIFIED = math.log(1 - likelihood.CELLS.works)
+    # What modules compute from constants when they are imported.
+    least = 1 - likelihood.CELLS.works
+    likelihood.UNVERIFIED = observation.UNVERIFIED = math.log(least)
+    belief_decider._DENIED = least / 2
 
 
 class Drives:

@@ -59,10 +59,10 @@ def config_of(changes: dict[str, Any], **more: Any) -> Config:
     return make_config({'threads': 1, **changes, **more})
 
 
-def of_street(pair: Pair, changes: dict[str, Any], half: str = 'middle') -> Drive:
-    """Return a drawn drive in half of its map."""
+def of_street(pair: Pair, changes: dict[str, Any]) -> Drive:
+    """Return a drawn drive in the middle half of its map."""
     (queries, there), (mapped, here) = drawn(pair, True), drawn(pair, False)
-    first, last = kept_halves(len(mapped))[half]
+    first, last = kept_halves(len(mapped))['middle']
     kept = list(zip(mapped, here.tolist(), strict=True))[first:last]
     shown = list(zip(queries, there.tolist(), strict=True))
     return Drive(pair.name, kept, shown, config_of(changes))
