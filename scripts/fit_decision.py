@@ -27,6 +27,7 @@ from convseq_ros.core.decision import (
     belief_decider,
     comparison,
     likelihood,
+    motion,
     observation,
     usual_lead,
 )
@@ -39,6 +40,7 @@ import numpy as np
 RECORDS = {
     'CELLS': likelihood.CELLS, 'COPIES': likelihood.COPIES, 'KEYPOINTS': usual_lead.KEYPOINTS,
     'COMPARED': comparison.COMPARED, 'ASKED': observation.ASKED, 'BELIEF': belief.BELIEF,
+    'MOTION': motion.MOTION,
 }  # fmt: skip
 FLOOR = 0.001  # of a probability: an answer cannot be more wrong than this
 FACTOR = 1.5

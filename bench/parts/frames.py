@@ -20,9 +20,10 @@ from unittest.mock import patch
 from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core import recognizer
 from convseq_ros.core.compiled import available, library
-from convseq_ros.core.decision.belief import Belief, MotionModel
+from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.comparison import COMPARED
+from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Observer
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.encoding.descriptor import describe

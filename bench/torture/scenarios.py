@@ -10,8 +10,9 @@ from pathlib import Path
 import tempfile
 
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.edit import joined, slices_of, unlink, without, write_new
+from convseq_ros.core.map.edit import unlink, write_new
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.session_slice import joined, slices_of, without
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.types import Match, Reason

@@ -12,18 +12,15 @@ from convseq_ros.cli import map_browse, map_link
 from convseq_ros.cli.info import describe_map, in_short
 from convseq_ros.cli.options import add_max_looks, add_verb, map_progress, progress
 from convseq_ros.core.map.edit import (
-    chosen_slice,
-    joined,
     prune_looks,
     pruned,
     refuse_existing,
     rename_session,
-    SessionSlice,
-    slices_of,
     unlink,
     write_new,
 )
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.session_slice import chosen_slice, joined, SessionSlice, slices_of
 from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.errors import MapError, NO_PLACES
 

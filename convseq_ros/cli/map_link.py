@@ -17,16 +17,10 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.database import BESIDE, LOCK
-from convseq_ros.core.map.edit import (
-    joined,
-    refuse_existing,
-    relinked,
-    SessionSlice,
-    slices_of,
-    write_new,
-)
+from convseq_ros.core.map.edit import refuse_existing, relinked, write_new
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.session_slice import joined, SessionSlice, slices_of
 from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import MapError, NO_PLACES, printable

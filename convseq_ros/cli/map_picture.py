@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.core.map.edit import slices_of
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.session_slice import slices_of
 from convseq_ros.core.types import constants
 from convseq_ros.errors import MapError, printable
 from convseq_ros.evaluation.plots import new_figure, save

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from convseq_ros.cli.options import warn
 from convseq_ros.config import flatten
-from convseq_ros.core.map.edit import slices_of
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.session_slice import slices_of
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import Matrix, matrix
 from convseq_ros.core.types import Candidate, Frame, Match, Reason

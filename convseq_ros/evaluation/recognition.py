@@ -10,8 +10,8 @@ from convseq_ros.config import Config, flatten, with_values
 from convseq_ros.config.parameter import Value
 from convseq_ros.core import types
 from convseq_ros.core.decision.decider import candidate
-from convseq_ros.core.map.edit import carry_links
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.session_slice import carry_links
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.evaluation.material import Material
 from convseq_ros.models.onnx_model import open_model

@@ -7,10 +7,11 @@ import sqlite3
 
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.encoding.view import masked
-from convseq_ros.core.map.edit import joined, slices_of, write_new
+from convseq_ros.core.map.edit import write_new
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import build_map, link_map
 from convseq_ros.core.pipeline import Pipeline

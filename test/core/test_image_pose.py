@@ -10,9 +10,10 @@ from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.depth_coding import packed_depths, unpacked_depths
-from convseq_ros.core.map.edit import joined, slices_of, write_new
+from convseq_ros.core.map.edit import write_new
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.pose.image_pose import KEYPOINT, Keypoints, KeypointView, matched_keypoints
 from convseq_ros.core.recognizer import PlaceRecognizer

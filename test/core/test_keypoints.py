@@ -12,10 +12,11 @@ from convseq_ros.core.decision.usual_lead import UsualLead
 from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.keypoints import agreeing_blocks, detect, Keypoints, matched
-from convseq_ros.core.map.edit import joined, slices_of, write_new
+from convseq_ros.core.map.edit import write_new
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame

@@ -8,11 +8,12 @@ import sqlite3
 from convseq_ros.cli import main
 from convseq_ros.config import make_config
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.edit import joined, slices_of, unlink, without, write_new
+from convseq_ros.core.map.edit import unlink, write_new
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.session_slice import joined, slices_of, without
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import not_linked
 from convseq_ros.core.pipeline import Pipeline

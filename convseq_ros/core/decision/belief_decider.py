@@ -5,11 +5,12 @@
 import math
 
 from convseq_ros.config import Config
-from convseq_ros.core.decision.belief import Belief, MotionModel
+from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.comparison import Comparer
 from convseq_ros.core.decision.decider import Answer, candidate, distinct_peaks, Query
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import strength_of, UNVERIFIED
+from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.decision.observation import Observation, Observer
 from convseq_ros.core.decision.odometry_jump import OdometryJumps

@@ -1,0 +1,148 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Slices of maps: sessions, or parts of them, from which a new map is joined."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from operator import attrgetter
+from pathlib import Path
+
+from convseq_ros.core.graph.links import chained, Links
+from convseq_ros.core.map.arrays import Places
+from convseq_ros.core.map.format import MapSession, stored_settings
+from convseq_ros.core.map.place import Picture
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import Pose
+from convseq_ros.errors import MapError
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSlice:
+    """A session of a map, or a part of it, to be copied into another map."""
+
+    path: Path  # of the map
+    reference_map: ReferenceMap
+    number: int  # of the session in its map
+    session: MapSession  # the session's row to store
+    places: Sequence[int]  # indices in its map, ascending
+    poses: Mapping[int, Pose] = field(default_factory=dict)  # by place: replace the map's poses
+
+
+def slices_of(path: Path, opened: ReferenceMap | None = None) -> list[SessionSlice]:
+    """
+    Return the sessions of a map that have places; a session without a name gets the file's name.
+
+    `opened` is the map, if it is open already; else MapError as of `open_map`.
+    """
+    reference_map, slices = open_map(path) if opened is None else opened, []
+    for start, end in pairwise([*reference_map.bounds.starts.tolist(), len(reference_map)]):
+        if start < end:
+            number, count = reference_map.places[start].session, len(reference_map.sessions)
+            session = reference_map.sessions[number]
+            default_name = path.stem if count == 1 else f'{path.stem}-{number + 1}'
+            session = replace(session, name=session.name or default_name)
+            slices.append(SessionSlice(path, reference_map, number, session, range(start, end)))
+    return slices
+
+
+def chosen_slice(slices: Sequence[SessionSlice], wanted: str) -> SessionSlice:
+    """Return the session with a name, an id or a number; MapError, naming all, without one."""
+    for key in map(attrgetter, ('session.name', 'session.id', 'number')):
+        matching = [part for part in slices if str(key(part)) == wanted]
+        if len(matching) == 1:
+            return matching[0]
+    choices = ', '.join(f'{part.number} {part.session.name!r}' for part in slices)
+    raise MapError(f'{slices[0].path}: no single session is {wanted!r}; it has {choices}')
+
+
+def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
+    """
+    Return a map of the sessions in order; it is in memory and reads pictures from their files.
+
+    MapError if they were made with different settings or a session is there twice.
+    """
+    _refuse_incompatible(slices)
+    first = slices[0].reference_map
+    origins = [(part.reference_map, index) for part in slices for index in part.places]
+    places = Places(first.global_descriptors.shape[1], len(origins))
+    for number, part in enumerate(slices):
+        for index in part.places:
+            place = part.reference_map.places[index]
+            place = replace(place, pose=part.poses.get(index, place.pose), session=number)
+            places.append(place, part.reference_map.global_descriptors[index])
+
+    def read(indices: Sequence[int], with_images: bool) -> list[Picture]:
+        pictures, by_map = dict[int, Picture](), dict[ReferenceMap, list[int]]()
+        for index in indices:
+            by_map.setdefault(origins[index][0], []).append(index)
+        for source, wanted in by_map.items():
+            read_now = source.pictures([origins[index][1] for index in wanted], with_images)
+            pictures.update(zip(wanted, read_now, strict=True))
+        return [pictures[index] for index in indices]
+
+    sessions = [part.session for part in slices]
+    joined_map = ReferenceMap(first.encoding, places, read, first.keyframes, sessions=sessions)
+    carry_links(origins, joined_map.links)
+    return joined_map
+
+
+def _refuse_incompatible(slices: Sequence[SessionSlice]) -> None:
+    """Raise MapError if sessions were made with different settings, or one is there twice."""
+
+    def settings_of(part: SessionSlice) -> dict[str, object]:
+        return stored_settings(part.reference_map.encoding) | part.reference_map.keyframes.spacing
+
+    first, known = slices[0], dict[str, SessionSlice]()
+    expected = settings_of(first)
+    for part in slices:
+        settings = settings_of(part)
+        if different := [name for name in expected if settings[name] != expected[name]]:
+            name = different[0]
+            raise MapError(
+                f'{part.path}: made with {name} {settings[name]!r:.40}, {first.path} with '
+                f'{expected[name]!r:.40}; build one of them again with the settings of the other'
+            )
+        if before := known.get(part.session.id):
+            raise MapError(
+                f'{part.path}: its session {part.session.name!r} is in {before.path} already, by '
+                f'its id {part.session.id}; a map holds a session once: leave one out'
+            )
+        known[part.session.id] = part
+
+
+def carry_links(origins: Sequence[tuple[ReferenceMap, int]], links: Links) -> None:
+    """
+    Copy links to a new map, whose places are given by their maps and their indices there.
+
+    If the other place of a link is left out, the link leads to the place that the other one is
+    linked to. If an anchor is left out, its earliest look becomes the anchor. Anchors of maps
+    other than the first place's are not marked as looked up, so that `link_map` looks them up.
+    """
+    anchors, copies = dict[tuple[ReferenceMap, int], int](), dict[tuple[ReferenceMap, int], int]()
+    for new, (source, old) in enumerate(origins):
+        copies[source, old] = new
+        if not source.links.looked_up_count:
+            continue
+        anchor = anchors.setdefault((source, source.links.anchor(old)), new)
+        link = source.links.details(old)
+        while link and (source, link.other) not in copies:
+            onward = source.links.details(link.other)
+            link = onward and chained(link, onward)
+        if link:
+            other = copies[source, link.other]
+            links.add(new, other, link.confidence, link.inliers, link.relative, anchor)
+        elif anchor != new:
+            links.add(new, anchor)
+        elif source.links.is_unlinked(old):
+            links.add_unlinked(new)
+        elif source is origins[0][0] and source.links.is_looked_up(old):
+            links.add_first(new)
+
+
+def without(slices: Sequence[SessionSlice], indices: Collection[int]) -> list[SessionSlice]:
+    """Return the sessions of a map without the places of given indices."""
+    gone = {*indices}
+    left = [replace(part, places=[at for at in part.places if at not in gone]) for part in slices]
+    return [part for part in left if part.places]

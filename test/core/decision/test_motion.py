@@ -1,0 +1,85 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The motion of places, by velocities and by odometry."""
+
+from convseq_ros.core.decision.belief import Belief
+from convseq_ros.core.decision.motion import MOTION, MotionModel
+from convseq_ros.core.decision.usual_lead import UsualLead
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from poses import at
+import pytest
+
+ERROR = 0.1
+
+
+def moved(reference_map, *xs, places=(10,), both=False, missing=0, yaw=0.0):
+    """Return velocities, and what becomes of places after odometry was at some x."""
+    model = MotionModel(reference_map, both, ERROR)
+    for x in xs:
+        model.move(None if x is None else at(x, yaw=yaw), missing)
+    return model.velocities, *model.moved(np.array(places))
+
+
+@pytest.mark.parametrize('missing', [0, 3])
+def test_without_odometry_places_move_by_each_velocity_for_every_keyframe(a_map, missing):
+    velocities, found, sigmas = moved(a_map(30), None, missing=missing, places=(4, 9))
+    ahead = set(MOTION.velocities)
+    assert set(velocities.tolist()) == ahead | {-one for one in ahead}
+    expected = np.array([[4], [9]]) + (1 + missing) * velocities
+    assert found == pytest.approx(expected.T)
+    way = (1 + missing) * abs(velocities[:, None])
+    assert sigmas == pytest.approx(np.broadcast_to(MOTION.sigma_places + ERROR * way, found.shape))
+
+
+def test_one_drive_in_a_hundred_goes_backwards_and_with_both_directions_one_in_two(a_map):
+    for both, share in ((False, 0.01), (True, 0.5)):
+        model = MotionModel(a_map(3), both, ERROR)
+        assert model.prior.sum() == pytest.approx(1)
+        assert model.prior[model.velocities < 0].sum() == pytest.approx(share)
+
+
+def test_odometry_moves_along_the_poses_of_the_map_whatever_the_velocity(a_map):
+    velocities, found, sigmas = moved(a_map(30, step_m=2.0), 0, 5, both=True, places=(10, 20))
+    expected = np.where(velocities < 0, [[7.5], [17.5]], [[12.5], [22.5]]).T
+    assert found == pytest.approx(expected)
+    assert sigmas == pytest.approx(np.full(found.shape, MOTION.sigma_places + ERROR * 2.5))
+
+
+def test_beyond_the_end_of_a_session_places_are_as_far_apart_as_the_last(a_map):
+    velocities, found, _ = moved(a_map(30, step_m=2.0), 0, 5, places=(1, 28))
+    assert found[velocities < 0, 0] == pytest.approx(-1.5)
+    assert found[velocities > 0, 1] == pytest.approx(30.5)
+
+
+def test_a_belief_that_is_reset_knows_no_odometry(a_map):
+    street = a_map(30, step_m=2.0)
+    belief = Belief(street, MotionModel(street, both=False, way_error=ERROR), UsualLead())
+    belief.motion.move(at(0), 0)
+    belief.reset()
+    belief.motion.move(at(5), 0)
+    assert belief.motion.moved(np.array([10]))[0][:, 0] == pytest.approx(
+        10 + belief.motion.velocities
+    )
+
+
+def test_odometry_that_goes_back_moves_back_and_the_other_way_round(a_map):
+    street = a_map(30, step_m=2.0)
+    for xs, yaw in (((5, 0), 0.0), ((0, 5), np.pi)):  # in reverse gear, as the robot is turned
+        velocities, found, _ = moved(street, *xs, both=True, yaw=yaw)
+        assert found[:, 0] == pytest.approx(np.where(velocities < 0, 12.5, 7.5))
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(st.one_of(st.none(), st.floats(-1e9, 1e9)), min_size=1, max_size=6),
+    st.sampled_from([None, 0.0, 1e-6, 1.0, 1e6]),
+    st.booleans(),
+    st.integers(0, 5),
+)
+def test_whatever_odometry_says_there_are_no_infinities(a_map, xs, step_m, both, missing):
+    street = a_map(1, 5, 12, step_m=step_m)
+    _, found, sigmas = moved(street, *xs, places=range(18), both=both, missing=missing)
+    assert np.isfinite(found).all() and np.isfinite(sigmas).all()
+    assert (sigmas >= MOTION.sigma_places).all()
