@@ -62,8 +62,8 @@ class FromOnePlace(RelativePoses):
 
     def __init__(self, reference_map, matcher):
         super().__init__(reference_map, matcher)
-        moved, self.ways.nearest = self.ways.moved, lambda index, _pose: index
-        self.ways.moved = lambda index, other: (
+        moved, self.motion.nearest = self.motion.moved, lambda index, _pose: index
+        self.motion.moved = lambda index, other: (
             moved(index, other) if max(index, other) <= self.last else None
         )
 

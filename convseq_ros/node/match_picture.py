@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 Image = npt.NDArray[np.uint8]
-Regions = npt.NDArray[np.float64]  # (n, 5), from `QueryBuffer.field`
+Regions = npt.NDArray[np.float64]  # (n, 5), from `Matcher.field`
 _HEIGHT_PX = 240
 _CAPTION_PX = 24
 _WIDEST_PX = 4 * _HEIGHT_PX  # a wider image is squeezed; limits an image of a single row
@@ -31,7 +31,7 @@ def match_picture(frame: Frame, match: Match, thumbnail: bytes, field: Regions) 
     """
     Return the query (left) beside the thumbnail of its best reference, BGR (264, width, 3).
 
-    A missing picture is grey. The regions of `field` (n, 5), from `QueryBuffer.field`, are dots:
+    A missing picture is grey. The regions of `field` (n, 5), from `Matcher.field`, are dots:
     an inlier has the same colour in both pictures, an outlier is grey.
     """
     sides = [_to_height(frame.gray), _to_height(decode_jpeg(thumbnail))]

@@ -102,13 +102,13 @@ def _draw_fields(path: Path, first, second, config: Config) -> None:
     verified = matcher.verified(features, [SHOWN, WRONG])
     figure = new_figure(12, 4.5)
     axes = figure.subplots(1, 2)
-    cell = SIDE / (features.arranged.side + 2)
+    cell = SIDE / (features.packed.side + 2)
     for each, index, name in zip(axes, (SHOWN, WRONG), ('the right', 'another'), strict=True):
         shift = matcher.shift(features, index)
         start = round(shift[0]), round(shift[1])
-        reference = matcher.arranged(index)
-        found = kernels.displacements(features.arranged, reference, start)
-        _, off = kernels.fit_motion(found, features.arranged.side, start)
+        reference = matcher.packed(index)
+        found = kernels.displacements(features.packed, reference, start)
+        _, off = kernels.fit_motion(found, features.packed.side, start)
         each.imshow(_square(second[SHOWN]), 'gray', alpha=0.55)
         alike = off <= 2
         for chosen, colour in ((~alike, RED), (alike, GREEN)):

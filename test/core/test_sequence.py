@@ -174,7 +174,7 @@ def test_frames_can_be_compared_by_the_regions_of_the_newest():
     matcher, buffer = filled(drawn(5, 3))
     asked = []
     matcher.extract = lambda descriptor: (
-        asked.append(descriptor) or SimpleNamespace(frame=1, arranged=None)
+        asked.append(descriptor) or SimpleNamespace(frame=1, packed=None)
     )
     some = SHOWN.salient.copy()
     some[0] = False
