@@ -44,12 +44,12 @@ def test_a_value_that_is_not_allowed_is_refused(name, value, told):
         make_config({name: value})
 
 
-def test_the_shipped_parameter_file_is_what_the_code_says():
+def test_the_shipped_parameter_file_holds_the_defaults_of_the_code():
     shipped = (REPOSITORY / 'config' / 'vpr_node.yaml').read_text(encoding='utf-8')
     assert shipped == yaml(all_parameters()) + '\n'
 
 
-def test_the_papers_parameter_file_is_what_the_code_says():
+def test_the_papers_parameter_file_holds_the_papers_settings():
     shipped = (REPOSITORY / 'config' / 'paper.yaml').read_text(encoding='utf-8')
     assert shipped == yaml(paper_parameters(), PAPERS) + '\n'
     values = read_parameter_file(REPOSITORY / 'config' / 'paper.yaml')

@@ -41,7 +41,7 @@ def test_the_page_of_the_field_is_short():
     assert all(row.count(' | ') == 2 for row in rows)
 
 
-def test_the_readme_tells_the_recall_that_results_have():
+def test_the_readme_and_the_results_page_have_the_same_recall():
     results = (REPOSITORY / 'docs' / 'RESULTS.md').read_text(encoding='utf-8')
     lines = results.split('| set | method | own, % |')[1].split('\n\n')[0].splitlines()[2:]
     measured, place = {}, ''
@@ -163,7 +163,7 @@ def commands(text, start):
     return [line for line in text.splitlines() if line.startswith(start)]
 
 
-def test_the_launch_lines_of_the_readme_set_what_they_say(launched):
+def test_the_launch_lines_of_the_readme_set_topics_map_and_mode(launched):
     preloaded, online = commands(README, 'ros2 launch')
     node = launched(preloaded)
     file, chosen = node['parameters']
@@ -186,7 +186,7 @@ def test_every_parameter_is_a_launch_argument_of_its_type(launched):
         launched('queue_size:=0')
 
 
-def test_the_node_is_started_again_logs_more_and_is_shown_if_asked(launched):
+def test_launch_arguments_set_respawn_log_level_and_rviz(launched):
     node = launched('map_path:=map.db')
     assert not node['respawn'] and not node['beside']
     node = launched('respawn:=true rviz:=true log_level:=debug')
@@ -217,7 +217,7 @@ def test_arguments_of_a_launch_file_that_includes_ours_are_its_own(launched):
 # Hints.
 
 
-def test_hints_suit_an_environment_that_apt_manages(monkeypatch, tmp_path):
+def test_install_hints_suit_an_environment_that_apt_manages(monkeypatch, tmp_path):
     assert errors.pip_install('mcap', 'a[b]') == "pip install mcap 'a[b]'"
     (tmp_path / 'EXTERNALLY-MANAGED').touch()
     monkeypatch.setattr(sysconfig, 'get_path', lambda _: str(tmp_path))
@@ -240,7 +240,7 @@ def node(*args):
     return run(sys.executable, '-c', code, timeout=180)
 
 
-def test_the_node_without_ros_says_what_to_do_in_one_line():
+def test_the_node_without_ros_reports_the_remedy_in_one_line():
     result = node()
     assert result.returncode == 1
     assert result.stderr.startswith('vpr_node: ROS 2 is not installed or not sourced: source /opt')

@@ -69,7 +69,7 @@ def test_a_vector_is_what_the_model_makes_of_the_normalised_image(tmp_path):
     assert own.numbers == 12
 
 
-def test_a_model_of_a_free_number_of_images_gets_one(tmp_path):
+def test_a_model_with_a_free_batch_size_gets_one_image(tmp_path):
     own = OnnxModel(model(tmp_path / 'm.onnx', ('images', 3, 8, 8)))
     assert own(np.full((8, 8), 9, np.uint8)).shape == (12,)
 
@@ -94,7 +94,7 @@ def test_a_grey_model_gets_one_channel(tmp_path):
     refused('rgb contradicts the model, which says gray', path, given={'color': 'rgb'})
 
 
-def test_metadata_and_the_file_beside_say_how_images_become_the_input(tmp_path):
+def test_metadata_and_a_yaml_file_set_how_images_become_the_input(tmp_path):
     one = onnx.load(model(tmp_path / 'm.onnx', ('n', 3, 'h', 'w')))
     path = saved(one, tmp_path / 'm.onnx', size='4x8', mean='0.5, 0.5, 0.5', color='bgr')
     alone = OnnxModel(path)
@@ -119,7 +119,7 @@ def test_metadata_and_the_file_beside_say_how_images_become_the_input(tmp_path):
         assert '\n' not in str(caught.value) and 'm.yaml' in str(caught.value)
 
 
-def test_a_model_for_any_size_needs_one_and_one_for_a_size_takes_no_other(tmp_path):
+def test_a_size_that_is_missing_or_contradicts_the_model_is_refused(tmp_path):
     refused('takes images of any size', model(tmp_path / 'm.onnx', ('n', 3, 'height', 'width')))
     path = model(tmp_path / 'm.onnx')
     refused(r'size \(9, 9\) contradicts the model, which says \(8, 8\)', path, given={'size': 9})
@@ -149,7 +149,7 @@ def test_an_invalid_model_is_refused(tmp_path):
     refused('is a pipe', tmp_path / 'pipe.onnx')
 
 
-def test_operators_of_its_own_are_refused(tmp_path):
+def test_a_model_with_custom_operators_is_refused(tmp_path):
     refused('standard operators', model(tmp_path / 'm.onnx', operator='Mine', domain='my.own'))
 
 
@@ -167,7 +167,7 @@ def test_a_vector_whose_size_changes_is_reported(tmp_path):
         own(np.eye(8, dtype=np.uint8))
 
 
-def test_a_missing_onnxruntime_is_asked_for(tmp_path, monkeypatch):
+def test_a_missing_onnxruntime_is_reported_with_the_remedy(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__('sys').modules, 'onnxruntime', None)
     refused('pip install onnxruntime', tmp_path / 'm.onnx')
 
@@ -200,7 +200,7 @@ def test_weights_are_read_from_the_file_where_pytorch_writes_them_alone(tmp_path
         refused('in it or in m.onnx.data', with_weights_in(other, path))
 
 
-def test_a_model_replaced_on_disk_is_another_one(tmp_path):
+def test_a_model_replaced_on_disk_has_another_identity(tmp_path):
     path = made(tmp_path / 'net.onnx', 'hog', 32, 64)
     before = OnnxModel(path)
     kept = before(np.zeros((8, 8), np.uint8))
@@ -209,7 +209,7 @@ def test_a_model_replaced_on_disk_is_another_one(tmp_path):
     assert (before(np.zeros((8, 8), np.uint8)) == kept).all()
 
 
-def test_the_models_of_the_script_tell_images_apart_that_moved_little(tmp_path):
+def test_the_scripts_models_score_a_shifted_copy_above_another_image(tmp_path):
     random = np.random.default_rng(3)
     images = [cv2.resize(random.integers(0, 256, (12, 16, 3), np.uint8), (160, 120)) for _ in '12']
     moved = np.roll(images[0], 4, axis=1)

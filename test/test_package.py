@@ -66,14 +66,16 @@ def test_everything_but_the_node_imports_without_ros_and_optional_libraries():
     assert {'convseq_ros.config', 'convseq_ros.core.types'} <= set(result.stdout.split())
 
 
-def tells_of_itself(path: Path) -> bool:
+def has_header_and_docstring(path: Path) -> bool:
     text = path.read_text()
     return text.splitlines()[:2] == HEADER and bool(ast.get_docstring(ast.parse(text)))
 
 
-def test_a_file_says_whose_it_is_and_what_it_does():
+def test_every_file_has_a_copyright_a_licence_and_a_docstring():
     files = [path for folder in FOLDERS for path in (REPOSITORY / folder).rglob('*.py')]
-    assert not [path for path in (REPOSITORY / 'setup.py', *files) if not tells_of_itself(path)]
+    assert not [
+        path for path in (REPOSITORY / 'setup.py', *files) if not has_header_and_docstring(path)
+    ]
 
 
 SCRIPTS = Path(sysconfig.get_path('scripts'))

@@ -49,7 +49,7 @@ def interrupted(number, when, module, *arguments):
 
 @pytest.mark.parametrize(('number', 'when'), [(signal.SIGINT, 'numpy'), (signal.SIGTERM, 'rclpy')])
 @pytest.mark.parametrize('module', NODES)
-def test_a_node_that_is_still_importing_ends_at_once_and_says_nothing(number, when, module):
+def test_a_signal_during_imports_ends_a_node_silently(number, when, module):
     pytest.importorskip('rclpy')
     done = interrupted(number, when, module)
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
@@ -57,13 +57,13 @@ def test_a_node_that_is_still_importing_ends_at_once_and_says_nothing(number, wh
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('when', ['numpy', 'cv2'])
-def test_a_command_that_is_still_importing_says_one_line(number, when):
+def test_a_signal_during_imports_ends_a_command_with_one_line(number, when):
     done = interrupted(number, when, 'convseq_ros.cli', 'build-map', 'none', 'none.db')
     assert (done.returncode, done.stderr) == (1, 'convseq: interrupted\n')
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_command_at_work_says_one_line(number, tmp_path):
+def test_a_signal_at_work_ends_a_command_with_one_line(number, tmp_path):
     # What reads recordings is imported when the work has begun.
     (tmp_path / 'drive.mcap').write_text('hello')
     arguments = 'build-map', str(tmp_path / 'drive.mcap'), str(tmp_path / 'map.db')
@@ -78,7 +78,7 @@ def nothing_chosen(monkeypatch):
 
 @pytest.mark.parametrize('profile', [LARGE_IMAGES, QUICK_START])
 @pytest.mark.parametrize('chosen', [VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE'])
-def test_ours_count_unless_the_user_has_chosen(monkeypatch, profile, chosen):
+def test_our_fast_dds_profile_is_used_unless_the_user_chose_one(monkeypatch, profile, chosen):
     path = Path(fast_dds(profile)[VARIABLE])
     assert path.name == profile and path.is_file()
     monkeypatch.setenv(chosen, 'mine.xml')
@@ -92,7 +92,9 @@ def test_ours_count_unless_the_user_has_chosen(monkeypatch, profile, chosen):
         ('convseq_ros/node/process.py', 'config'),
     ],
 )
-def test_they_are_found_where_they_are_installed(monkeypatch, tmp_path, module, profile):
+def test_the_fast_dds_profiles_are_found_where_they_are_installed(
+    monkeypatch, tmp_path, module, profile
+):
     monkeypatch.setattr(process, '__file__', str(tmp_path / module))
     assert fast_dds(QUICK_START) == {}
     folder = tmp_path / profile

@@ -32,7 +32,7 @@ REJECTED = Match(4, 3100, Reason.AMBIGUOUS, (BEST,), 7, 100)
 SKIPPED = Match(5, 3200, Reason.UNINFORMATIVE)
 
 
-def test_rows_round_trip(tmp_path):
+def test_a_result_table_is_read_as_it_was_written(tmp_path):
     path = tmp_path / 'result.csv'
     with ResultWriter(path, COLUMNS) as table:
         for match in (ACCEPTED, REJECTED, SKIPPED):
@@ -62,7 +62,7 @@ def test_a_table_under_its_own_name_is_complete_and_an_error_loses_no_row(tmp_pa
 
 
 @pytest.mark.parametrize('content', [b'query_index\n\xff\n', b'query_index\n' + b'1' * 200_000])
-def test_a_table_that_is_none_is_one_error(tmp_path, content):
+def test_a_file_that_is_no_result_table_is_refused(tmp_path, content):
     (tmp_path / 'result.csv').write_bytes(content)
     with pytest.raises(SourceError, match=r'result.csv: not a result table'):
         read_results(tmp_path / 'result.csv')
@@ -99,7 +99,7 @@ def test_two_programs_do_not_write_the_same_table(tmp_path):
     assert len(read_results(path)) == 1
 
 
-def test_a_row_waits_for_the_disk_though_nothing_comes_after_it(tmp_path, monkeypatch):
+def test_a_row_is_synced_to_disk_though_no_row_follows(tmp_path, monkeypatch):
     synced = []
     monkeypatch.setattr('convseq_ros.io.results.os.fsync', lambda handle: synced.append(handle))
     monkeypatch.setattr('convseq_ros.io.results._SYNC_EVERY_S', 0.001)
@@ -124,7 +124,7 @@ def test_an_error_at_the_end_names_the_file(tmp_path, monkeypatch):
     assert len(read_results(tmp_path / 'result.csv.part')) == 1
 
 
-def test_another_file_of_results_is_complete_or_absent_and_touches_no_other(tmp_path):
+def test_a_result_file_is_complete_or_absent_and_replaces_no_other_file(tmp_path):
     path, part = tmp_path / 'page.html', tmp_path / 'page.html.part'
     part.write_text('of the user')
     with pytest.raises(RuntimeError), complete_or_absent(path) as own:

@@ -157,7 +157,7 @@ def test_small_images_have_many_keypoints(random):
     assert (points[0] < (160, 120)).all() and (points[1] > (160, 120)).all()
 
 
-def test_matches_are_mutual():
+def test_descriptors_match_only_if_each_is_the_others_nearest():
     query = np.array([[0] * 32, [1] * 32, [255] * 32], np.uint8)
     reference = np.array([[255] * 32, [0] * 32], np.uint8)
     assert mutual_matches(query, reference).tolist() == [[0, 1], [2, 0]]
@@ -199,7 +199,7 @@ def test_a_loop_takes_more_than_three_frames_that_agree_and_twelve_inliers():
     assert [one.inliers for one in sooner] == [0, 0, 42, 43, 44, 45, 46, 47]
 
 
-def test_a_jump_begins_anew_and_what_may_not_be_matched_is_not():
+def test_a_jump_restarts_the_count_and_unmatched_rows_give_no_loop():
     rows = np.full((8, 30), 0.01, np.float32)
     rows[np.arange(8), [10, 11, 12, 25, 26, 27, 28, 29]] = 0.5
     found = detect(rows, [0.5] * 8, lambda *_: 30)
@@ -266,7 +266,7 @@ def test_descriptors_have_one_row_for_each_image(tmp_path):
         read_descriptors(path, 4)
 
 
-def test_hog_knows_an_image_again_and_tells_it_from_others():
+def test_hog_scores_a_darker_copy_above_another_image():
     generator = np.random.default_rng(0)
     image, other = (generator.integers(0, 256, (60, 80), np.uint8) for _ in range(2))
     rows = np.stack([whole_image_hog(one) for one in (image, image // 2, other)])

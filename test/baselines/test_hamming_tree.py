@@ -50,7 +50,7 @@ def test_descriptors_match_that_are_less_than_25_bits_apart(bits, share):
     assert tree.shares(seen(one)).tolist() == [share]
 
 
-def test_of_the_5_best_references_the_one_with_most_inliers_is_taken():
+def test_the_reference_with_most_inliers_of_the_5_best_is_taken():
     row = np.arange(8, dtype=np.float32)  # the best 5 are 2 to 6
     row[7] = np.nan
     for best, inliers in ((4, {4: 20, 6: 19}), (6, {4: 20, 6: 20}), (2, {1: 99, 2: 12})):

@@ -49,7 +49,7 @@ attack.print_tries(sys.argv[1], '6', '0', sys.argv[2])
 
 
 @pytest.mark.parametrize('name', NEED_A_COMPILER)
-def test_the_torture_finds_out_who_lies(name, tmp_path):
+def test_the_torture_detects_stores_that_lie(name, tmp_path):
     if not compiler():
         pytest.skip('needs a C compiler')
     own = environment(tmp_path)
@@ -82,7 +82,7 @@ def burns():
         pass
 
 
-def test_the_oracle_sees_what_is_wrong(monkeypatch):
+def test_the_oracle_reports_every_kind_of_failure(monkeypatch):
     # What is forked off begins with the memory that this process has by now.
     pages = int(Path('/proc/self/statm').read_text().split()[1])
     own_bytes = pages * resource.getpagesize()

@@ -193,7 +193,7 @@ def test_a_closure_without_confidence_counts_as_sure(bridge, store):
 
 
 @pytest.mark.parametrize('text', ['1', f'{OURS}', f'{OURS}=-1', f'{OURS}=x', 'home=1', '=1'])
-def test_a_session_that_names_no_robot_is_reported(text):
+def test_a_session_without_a_valid_robot_number_is_refused(text):
     with pytest.raises(ValueError, match='sessions: '):
         robots_of([text])
 

@@ -64,7 +64,7 @@ def test_python_reads_all_of_it_exactly(reference_map):
     assert not read['query_session'].any()
 
 
-def test_of_a_growing_map_it_tells_the_session_of_the_query(reference_map):
+def test_the_session_of_the_query_is_read_for_a_growing_map(reference_map):
     read = read_closure(closure(reference_map, session_start=0))
     assert (read['query_session'] == read['reference_session']).all()
 

@@ -14,7 +14,7 @@ import pytest
 @pytest.mark.parametrize(
     'address', ['tcp://127.0.0.1:8786', 'tcp://localhost:8786', 'tcp://[::1]:8786']
 )
-def test_this_machine_is_talked_to_without_question(address):
+def test_an_address_of_this_machine_needs_no_tls(address):
     assert checked_address(Cluster(address)) == address
 
 
@@ -34,7 +34,7 @@ def test_another_machine_without_tls_and_an_invalid_address_are_refused(addresse
             checked_address(Cluster(address))
 
 
-def test_another_machine_is_talked_to_by_tls_alone():
+def test_another_machine_needs_tls_and_certificates():
     address = 'tls://10.0.0.1:8786'
     assert checked_address(Cluster(address)) == address
     pytest.importorskip('distributed')
@@ -50,7 +50,7 @@ def test_a_missing_package_is_named_with_the_remedy(monkeypatch):
             pass
 
 
-def test_workers_that_do_not_start_are_tried_again_and_reported_in_one_line(monkeypatch):
+def test_workers_that_do_not_start_are_retried_once_and_then_reported(monkeypatch):
     distributed, tries = pytest.importorskip('distributed'), []
 
     def fails(**_):
@@ -64,7 +64,7 @@ def test_workers_that_do_not_start_are_tried_again_and_reported_in_one_line(monk
     assert len(tries) == 2
 
 
-def test_a_cluster_of_this_machine_hears_this_machine_only(client):
+def test_a_local_cluster_listens_on_this_machine_only(client):
     addresses = [client.scheduler.address, *client.scheduler_info()['workers']]
     assert len(addresses) == 3
     assert all(one.startswith('tcp://127.0.0.1:') for one in addresses)

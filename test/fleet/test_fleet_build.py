@@ -52,7 +52,7 @@ def test_maps_that_are_finished_are_kept_and_missing_ones_made(recordings, tmp_p
     assert (maps / 'drive_0.db').stat().st_mtime_ns == before
 
 
-def test_one_bad_recording_costs_itself_alone(recordings, tmp_path, build):
+def test_a_bad_recording_fails_without_the_others(recordings, tmp_path, build):
     folder, maps = tmp_path / 'some', tmp_path / 'maps'
     shutil.copytree(recordings / 'drive_0', folder / 'good')
     (folder / 'bad').mkdir()
@@ -73,7 +73,7 @@ def test_one_bad_recording_costs_itself_alone(recordings, tmp_path, build):
         (['a.png'], 'is a recording itself'),
     ],
 )
-def test_a_folder_that_cannot_be_meant_is_refused(tmp_path, capsys, names, problem):
+def test_a_folder_without_distinct_recordings_is_refused(tmp_path, capsys, names, problem):
     for name in names:
         (tmp_path / name).touch()
     assert main(['fleet', 'build', str(tmp_path), '-o', str(tmp_path / 'maps')]) == 1
@@ -105,7 +105,7 @@ def test_a_worker_that_dies_loses_nothing(client, recordings, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ['died', 'drive_0.db', 'drive_1.db']
 
 
-def test_who_kills_every_worker_is_given_up(client):
+def test_a_job_that_kills_its_worker_is_given_up(client):
     def allow(failures, dask_scheduler=None):
         before, dask_scheduler.allowed_failures = dask_scheduler.allowed_failures, failures
         return before

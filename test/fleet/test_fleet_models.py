@@ -76,7 +76,7 @@ def test_a_fleet_answers_as_the_merged_map_does_and_every_verb_keeps_vectors(
     assert np.array_equal(vectors(tmp_path / merged.name), every[20:])
 
 
-def test_locate_asks_by_the_model_of_the_map_or_by_what_is_built_in(
+def test_locate_uses_the_model_of_the_map_and_refuses_another(
     merged, net, recordings, tmp_path, capsys
 ):
     asked = sorted((recordings / 'drive_1').glob('*.png'))[3:6]

@@ -49,7 +49,7 @@ def test_a_fleet_answers_every_frame_as_one_map(drives, scheduler, tmp_path, cap
         assert accepted & {*range(2 * FRAMES, 3 * FRAMES)}
 
 
-def test_looks_that_are_linked_in_a_map_are_so_in_a_fleet(drives, client, tmp_path, answers_of):
+def test_a_fleet_keeps_the_links_of_its_maps(drives, client, tmp_path, answers_of):
     maps, _, again = drives
     paths = [shutil.copy(path, tmp_path) for path in sorted(maps.glob('*.db'))]
     assert main(['build-map', str(again), str(paths[1]), *SETTINGS, '--append']) == 0
@@ -77,7 +77,7 @@ def listening():
     return [f'{host}:{port}' for host, port, *_ in own]
 
 
-def test_workers_of_the_same_process_answer_alike(drives, expected, answers_of):
+def test_workers_in_threads_give_the_same_answers(drives, expected, answers_of):
     pytest.importorskip('distributed', reason='needs dask.distributed, the extra `fleet`')
     maps, _, again = drives
     with connected(Cluster(workers=2, are_threads=True)) as client:
@@ -140,7 +140,7 @@ def test_a_map_that_is_damaged_later_is_left_out_from_then_on(
     assert accepted and accepted <= {*range(2 * FRAMES, 3 * FRAMES)}
 
 
-def test_a_fleet_without_a_map_says_why(client, tmp_path, capsys):
+def test_a_fleet_without_a_readable_map_is_refused_with_the_reason(client, tmp_path, capsys):
     assert main(['fleet', 'replay', str(tmp_path), str(tmp_path)]) == 1
     assert 'no map in it (*.db)' in capsys.readouterr().err
     (tmp_path / 'a.db').write_bytes(b'nothing')
@@ -149,7 +149,7 @@ def test_a_fleet_without_a_map_says_why(client, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(('name', 'value'), [('search', 'exhaustive'), ('mode', 'online')])
-def test_what_a_fleet_cannot_do_is_refused(client, drives, name, value):
+def test_a_setting_that_a_fleet_does_not_support_is_refused(client, drives, name, value):
     with pytest.raises(FleetError, match=f'{name} {value}: .*; leave it out'):
         Fleet(client, sorted(drives[0].glob('*.db')), make_config({name: value}))
 

@@ -102,7 +102,7 @@ def test_a_verdict_may_be_taken_back():
     assert graph.known[near.key].kept is False
 
 
-def test_the_correction_moves_the_newest_odometry_to_the_end_of_the_way():
+def test_the_correction_moves_the_newest_odometry_to_the_end_of_the_path():
     graph = driven(DRIFTED)
     assert np.allclose(graph.correction, np.eye(4))
     solve(graph, *RIGHT)
@@ -113,7 +113,7 @@ def test_the_correction_moves_the_newest_odometry_to_the_end_of_the_way():
     assert np.allclose(graph.corrected(graph.running)[-1], end @ pose(1.0))
 
 
-def test_keyframes_between_nodes_blend(monkeypatch):
+def test_keyframes_between_nodes_are_corrected_by_interpolation(monkeypatch):
     from convseq_ros.pose_graph import graph as module
 
     exact = driven(DRIFTED)
@@ -157,7 +157,7 @@ def test_odometry_with_a_growing_covariance_is_believed_accordingly():
 # Bad input.
 
 
-def test_a_reset_of_odometry_goes_on_where_the_robot_was():
+def test_the_graph_continues_at_the_robots_position_after_an_odometry_reset():
     graph = driven(DRIFTED[:100])
     driven([inverse(DRIFTED[100]) @ at for at in DRIFTED[100:]], graph, 100)  # begins at zero
     assert graph.running.resets == 1
@@ -169,7 +169,7 @@ def test_a_reset_of_odometry_goes_on_where_the_robot_was():
     assert np.linalg.norm(way[-10:] - way[LAP - 9 : LAP + 1], axis=1).max() < 1.0
 
 
-def test_odometry_that_is_lost_for_a_while_goes_on():
+def test_a_gap_in_odometry_is_no_reset():
     graph = PoseGraph(PoseGraphConfig())
     driven(TRUE[60:100], driven(TRUE[:10], graph), 60)
     assert graph.running.resets == 0

@@ -91,7 +91,7 @@ def test_links_that_agree_are_taken_in_as_from_scratch(decided):
     assert np.abs(exact - np.array(DRIFTED[: last + 1]))[:, :3, 3].max() > 1.0
 
 
-def test_one_that_contradicts_many_is_refused_at_once_and_bends_nothing(decided):
+def test_a_closure_that_contradicts_many_is_refused_and_bends_nothing(decided):
     links = [*RIGHT, link(100, RIGHT[-1].end, moved(9.0, 3.0))]
     alone, solver = Solver(), Solver()
     grow(alone, RIGHT)
@@ -101,7 +101,7 @@ def test_one_that_contradicts_many_is_refused_at_once_and_bends_nothing(decided)
     assert np.linalg.norm((ends[0] - ends[1])[:3, 3]) < 0.1
 
 
-def test_what_came_first_is_refused_once_enough_contradict_it(decided):
+def test_an_early_closure_is_refused_once_enough_others_contradict_it(decided):
     false = [link(4, 44, moved(3.0, 6.0)), link(8, 46, moved(3.0, 6.0))]
     verdicts = grow(Solver(), [*false, *RIGHT[3:]])
     assert verdicts[-1] == (False, False, *[True] * len(RIGHT[3:]))

@@ -144,7 +144,7 @@ def test_a_bend_of_a_quarter_circle_replaces_each_corner():
     assert middle.yaw_rad == pytest.approx(math.pi / 4)
 
 
-def test_nothing_jumps_but_the_street_that_is_seen():
+def test_the_pose_along_a_route_never_jumps():
     step = 0.25
     spots = [ROUTE.spot(at, -1.5, 0.1) for at in np.arange(0, ROUTE.length_m, step)]
     for one, other in pairwise(spots):

@@ -93,7 +93,7 @@ def straight(drift, metres=100):
     return [odometer.moved_to(pose(x)) for x in range(metres + 1)]
 
 
-def test_without_drift_it_is_the_truth_seen_from_the_start():
+def test_odometry_without_drift_is_the_true_pose_relative_to_the_start():
     odometer = Odometer(NONE)
     odometer.moved_to(pose(5.0, 3.0, math.pi / 2))
     moved = odometer.moved_to(pose(4.0, 5.0, math.pi))
@@ -101,12 +101,12 @@ def test_without_drift_it_is_the_truth_seen_from_the_start():
     assert yaw_of(moved) == pytest.approx(math.pi / 2)
 
 
-def test_the_scale_lengthens():
+def test_the_scale_error_lengthens_odometry():
     end = straight(Drift(scale=0.02, yaw_bias_deg=0.0, noise_m=0.0, yaw_noise_deg=0.0))[-1]
     assert end.position == pytest.approx((102.0, 0.0, 0.0))
 
 
-def test_the_bias_turns_to_the_left_as_much_as_it_says():
+def test_the_yaw_bias_bends_odometry_to_the_left_by_its_value():
     end = straight(Drift(scale=0.0, yaw_bias_deg=5.0, noise_m=0.0, yaw_noise_deg=0.0))[-1]
     assert math.degrees(yaw_of(end)) == pytest.approx(5.0)
     radius = 100 / math.radians(5.0)
@@ -114,7 +114,7 @@ def test_the_bias_turns_to_the_left_as_much_as_it_says():
     assert end.position[1] == pytest.approx(radius * (1 - math.cos(math.radians(5))), abs=0.1)
 
 
-def test_the_noise_is_as_large_as_it_says():
+def test_odometry_noise_has_the_standard_deviation_that_was_set():
     drift = Drift(scale=0.0, yaw_bias_deg=0.0, noise_m=0.05, yaw_noise_deg=2.0)
     ends = [straight(replace(drift, seed=seed))[-1] for seed in range(300)]
     along = np.array([end.position[0] - 100 for end in ends])

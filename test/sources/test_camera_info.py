@@ -37,7 +37,7 @@ def test_k_is_taken_and_p_where_it_is_zero():
         {'size': (0, 480)},
     ],
 )
-def test_an_impossible_camera_is_refused_in_one_line(change):
+def test_an_impossible_calibration_is_refused_in_one_line(change):
     with pytest.raises(SourceError, match='calibrate it') as caught:
         camera_from_info(info(**change))
     assert '\n' not in str(caught.value)
@@ -47,7 +47,7 @@ def test_an_impossible_camera_is_refused_in_one_line(change):
     ('named', 'count', 'taken'),
     [('plumb_bob', 8, 'rational_polynomial'), ('rational_polynomial', 5, 'plumb_bob')],
 )
-def test_the_numbers_tell_which_of_two_models_is_meant(named, count, taken):
+def test_the_number_of_coefficients_decides_the_distortion_model(named, count, taken):
     message = info(model=named, d=(0.1,) * count)
     camera = camera_from_info(message)
     assert (camera.distortion_model, camera.distortion) == (taken, (0.1,) * count)
@@ -89,13 +89,13 @@ def test_a_distortion_of_no_model_is_refused():
             camera_from_info(info(model=model, d=(0.1,) * count))
 
 
-def test_binning_and_a_region_of_interest_count():
+def test_binning_and_a_region_of_interest_change_the_camera():
     assert camera_from_info(info(binning=(2, 2))) == Camera(320, 240, 250.0, 255.0, 160.0, 120.0)
     part = camera_from_info(info(roi=(100, 40, 200, 400)))
     assert part == Camera(400, 200, 500.0, 510.0, 220.0, 200.0)
 
 
-def test_a_recording_tells_of_its_first_calibrated_camera(write, pictures):
+def test_the_first_calibrated_camera_of_a_recording_is_used(write, pictures):
     rows = [
         ('/camera_info', 1, info(k=(0.0,) * 9, p=(0.0,) * 12)),
         ('/camera_info', 2, info(size=(0, 0))),
@@ -107,7 +107,7 @@ def test_a_recording_tells_of_its_first_calibrated_camera(write, pictures):
         read_camera_in(path, '/other')
 
 
-def test_a_recording_without_a_usable_camera_says_why(write):
+def test_a_recording_without_a_usable_camera_is_refused_with_the_reason(write):
     path = write('mcap folder', [('/info', 1, info(size=(0, 0)))])
     with pytest.raises(SourceError, match=r'of /info can be used: .*calibrate'):
         read_camera_in(path)

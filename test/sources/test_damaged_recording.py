@@ -76,9 +76,7 @@ def test_a_frame_that_is_whole_in_the_file_is_never_lost(write, layout, pictures
         assert len(read(path)[0]) == saved - 1
 
 
-def test_a_split_recording_is_in_natural_order_and_keeps_whole_files_when_the_last_is_cut(
-    write, tmp_path, pictures
-):
+def test_a_split_recording_is_read_in_natural_order_up_to_a_cut_file(write, tmp_path, pictures):
     folder = tmp_path / 'split'
     folder.mkdir()
     for number, part in ((9, pictures[:6]), (10, pictures[6:])):
@@ -213,7 +211,9 @@ def zeros(megabytes, piece=bytes(MEGABYTE)):
 
 @pytest.mark.parametrize('declared', [400 * MEGABYTE, 1000, 2**62])
 @pytest.mark.parametrize('layout', ['mcap plain', 'mcap zstd'])
-def test_a_chunk_takes_no_more_memory_than_it_declares_and_may(write, pictures, layout, declared):
+def test_a_chunk_takes_no_more_memory_than_it_declares_and_the_limit_allows(
+    write, pictures, layout, declared
+):
     path = write(layout, recordings.drive(pictures))
     whole = path.read_bytes()
     packed = zeros(400)
@@ -234,7 +234,7 @@ def test_a_chunk_takes_no_more_memory_than_it_declares_and_may(write, pictures, 
 @pytest.mark.parametrize(
     'layout', ['mcap zstd', 'mcap lz4', 'ros1 bag', 'sqlite3 folder compressed messages']
 )
-def test_how_large_a_chunk_may_be_is_a_parameter(write, layout):
+def test_a_parameter_limits_the_size_of_a_chunk(write, layout):
     large = [np.full((1100, 1000), index, np.uint8) for index in range(2)]
     path = write(layout, recordings.drive(large))
     assert len([*open_source(path, reading=ReadingConfig(max_file_mb=1.2))]) == 2
@@ -243,7 +243,7 @@ def test_how_large_a_chunk_may_be_is_a_parameter(write, layout):
     assert len([*open_source(path)]) == 2
 
 
-def test_many_chunks_of_zeros_are_no_recording(write, pictures):
+def test_many_compressed_chunks_of_zeros_are_refused_in_time(write, pictures):
     path = write('mcap plain', recordings.drive(pictures))
     whole = path.read_bytes()
     packed = zeros(240, record(0x80, bytes(MEGABYTE - 9)))  # of a private kind, passed over
@@ -254,7 +254,7 @@ def test_many_chunks_of_zeros_are_no_recording(write, pictures):
     assert 'which no recording does' in in_time(lambda: read(path))[1]
 
 
-def test_an_index_that_lists_a_chunk_again_and_again_is_no_trouble(write, pictures):
+def test_a_chunk_that_the_index_lists_3000_times_is_read_in_time(write, pictures):
     path = write('mcap zstd', recordings.drive(pictures))
     whole = path.read_bytes()
     at = first(whole, 8)
@@ -264,7 +264,7 @@ def test_an_index_that_lists_a_chunk_again_and_again_is_no_trouble(write, pictur
     assert len(frames) == 12
 
 
-def test_nothing_is_made_of_message_definitions_in_a_file(write, layout, pictures, monkeypatch):
+def test_no_code_is_made_of_message_definitions_in_a_file(write, layout, pictures, monkeypatch):
     path = write(layout, recordings.drive(pictures))
     assert len(read(path)[0]) == 12
     monkeypatch.setattr(Typestore, 'register', lambda *_: pytest.fail('made code of data'))
@@ -311,7 +311,9 @@ TRIGGER = 'CREATE TRIGGER t AFTER INSERT ON messages BEGIN DELETE FROM topics; E
     ('change', 'told'),
     [(COMPUTED, 'is computed'), (VIEW, 'not a plain table'), (TRIGGER, 'not a plain table')],
 )
-def test_a_database_that_computes_is_refused(write, pictures, change, told):
+def test_a_database_with_computed_columns_views_or_triggers_is_refused(
+    write, pictures, change, told
+):
     path = write('db3 file', recordings.drive(pictures))
     with sqlite3.connect(path) as database:
         database.executescript(change)
@@ -319,7 +321,7 @@ def test_a_database_that_computes_is_refused(write, pictures, change, told):
 
 
 @pytest.mark.parametrize('compression', ['zstd', 'lz4', 'bz2'])
-def test_inflating_ends_where_it_may(compression):
+def test_decompression_stops_at_its_limit(compression):
     import bz2
 
     import lz4.frame
@@ -331,7 +333,7 @@ def test_inflating_ends_where_it_may(compression):
         inflate(packed, compression, 999)
 
 
-def test_a_bag_without_lines_is_refused_before_it_is_read(tmp_path):
+def test_a_bag_of_zeros_is_refused_before_it_is_read(tmp_path):
     with (tmp_path / 'drive.bag').open('wb') as file:
         file.truncate(10**12)
     assert 'does not begin as a recording does' in in_time(lambda: read(tmp_path / 'drive.bag'))[1]

@@ -52,7 +52,7 @@ def test_times_in_names_are_stamps(tmp_path, names, stamps_ns):
     assert [frame.stamp_ns for frame in folder] == stamps_ns and folder.warnings == []
 
 
-def test_names_of_which_some_are_times_are_reported(tmp_path):
+def test_file_names_of_which_only_some_are_times_are_reported(tmp_path):
     for name in ('1305031102.175304', '1305031102.211214', 'cover'):
         draw(tmp_path / f'{name}.png')
     folder = ImageFolder(tmp_path)
@@ -108,7 +108,7 @@ def test_other_files_hidden_files_and_folders_are_left_out(tmp_path):
 
 
 @pytest.mark.parametrize('content', [b'', b'not a picture', b'\xff\xd8\xff\xe0 cut'])
-def test_an_unreadable_picture_is_a_frame_that_says_why(tmp_path, content):
+def test_an_unreadable_picture_becomes_a_frame_with_its_problem(tmp_path, content):
     draw(tmp_path / '1.png')
     (tmp_path / '2.jpg').write_bytes(content)
     draw(tmp_path / '3.png')

@@ -141,7 +141,7 @@ def test_yuv422_of_a_known_colour_becomes_its_gray(encoding, order):
 
 
 @pytest.mark.parametrize('encoding', ENCODINGS)
-def test_results_own_their_memory(encoding):
+def test_a_decoded_image_owns_its_memory(encoding):
     size = ENCODINGS[encoding].bytes_per_pixel
     data = bytearray(noise(6, 8 * size).tobytes())
     fields = SimpleNamespace(

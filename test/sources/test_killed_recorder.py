@@ -57,7 +57,7 @@ def test_all_committed_messages_are_read_and_nothing_is_changed(killed, pictures
     assert_shows(path, pictures[:4])
 
 
-def test_a_message_that_was_not_committed_is_no_message(killed, pictures):
+def test_a_message_that_was_not_committed_is_left_out(killed, pictures):
     assert_shows(killed(in_file=4, committed=False), pictures[:4])
 
 

@@ -49,7 +49,7 @@ def decoded(monkeypatch):
 
 
 @pytest.mark.parametrize('way', WAYS)
-def test_a_header_tells_the_size_and_a_larger_one_is_not_decoded(way, decoded):
+def test_a_picture_whose_header_declares_too_many_pixels_is_not_decoded(way, decoded):
     data = picture(way)
     assert declared_size(data).pixels == 12_000
     assert picture_pixels(data, ReadingConfig(max_image_mpx=0.012)).shape[:2] == (100, 120)
@@ -65,7 +65,7 @@ def test_a_jpeg_with_scans_without_end_is_not_decoded(decoded):
     assert not decoded
 
 
-def test_a_tile_that_is_larger_than_its_picture_counts(decoded):
+def test_a_tiff_tile_larger_than_its_picture_is_not_decoded(decoded):
     def entry(tag, value):
         return tag.to_bytes(2, 'little') + b'\4\0\1\0\0\0' + value.to_bytes(4, 'little')
 
@@ -89,7 +89,7 @@ def test_a_chunk_of_a_png_that_is_longer_than_the_file_is_not_decoded(kind, leng
     assert not decoded
 
 
-def test_what_stands_behind_the_end_of_a_png_is_none_of_its_chunks():
+def test_bytes_after_the_end_of_a_png_are_ignored():
     assert picture_pixels(picture('png') + b'\xff' * 100).size
 
 
@@ -98,7 +98,7 @@ NO_SIZES += [b'II+\0' + b'\xff' * 63]  # a BigTIFF whose tags lie beyond 2^63
 
 
 @pytest.mark.parametrize('data', [b'', b'GIF89a', b'\xff\xd8\xff', b'BM', b'II*\0', *NO_SIZES])
-def test_what_has_no_size_is_not_decoded(data, decoded):
+def test_data_without_an_image_size_are_not_decoded(data, decoded):
     with pytest.raises(ImageError, match='cannot be decoded'):
         picture_pixels(data)
     assert not decoded

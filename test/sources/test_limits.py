@@ -110,7 +110,7 @@ def refused_then_read(name, read, others=ReadingConfig(), least=None):
 
 
 @pytest.mark.parametrize('kind', WHOLE_FILES)
-def test_a_file_that_is_read_as_a_whole(tmp_path, kind):
+def test_the_size_limit_in_the_error_lets_the_file_be_read(tmp_path, kind):
     write, read = WHOLE_FILES[kind]
     path = tmp_path / ('file.yaml' if kind == 'data set' else 'file')
     write(path)
@@ -137,12 +137,12 @@ def first_picture(folder, reading):
         ),
     ],
 )
-def test_an_image(tmp_path, read):
+def test_the_pixel_limit_in_the_error_lets_the_image_be_read(tmp_path, read):
     folder_of_pictures(tmp_path / 'pictures')
     refused_then_read('max_image_mpx', lambda reading: read(tmp_path / 'pictures', reading))
 
 
-def test_the_line_gives_no_value_that_the_parameter_does_not_take():
+def test_the_error_suggests_no_limit_above_the_parameters_maximum():
     line = ReadingConfig().above('max_image_mpx', 4225.0, 'x')
     assert line.endswith('make it smaller, or max_image_mpx goes to 1000')
 

@@ -59,7 +59,7 @@ def test_a_flipped_bit_costs_a_chunk_and_is_reported(write, layout, number, pict
         ]
 
 
-def test_several_damaged_chunks_are_one_line(write, pictures):
+def test_several_damaged_chunks_are_reported_in_one_line(write, pictures):
     path = write('mcap plain', recordings.drive(pictures))
     chunks = chunks_of(path)
     for _, end, _ in chunks[1:3]:
@@ -80,7 +80,7 @@ def test_without_an_index_a_damaged_chunk_still_names_its_topics(write, pictures
     assert any(f'first at byte {start}; left out' in line for line in source.warnings)
 
 
-def test_a_damaged_chunk_without_a_topic_costs_it_nothing(write, pictures):
+def test_a_damaged_chunk_costs_no_message_of_topics_outside_of_it(write, pictures):
     odometry = [('/odom', i + 1, recordings.odometry(float(i), i + 1)) for i in range(5)]
     path = write('mcap plain', [*odometry, *recordings.drive(pictures)])
     flip(path, chunks_of(path)[-1][1] - 100)
@@ -96,7 +96,7 @@ def test_a_damaged_chunk_without_a_topic_costs_it_nothing(write, pictures):
         ('protobuf', 'foxglove.CompressedImage', 'convert it'),
     ],
 )
-def test_an_mcap_that_ros_2_did_not_write_says_what_it_is(
+def test_an_mcap_that_ros_2_did_not_write_is_refused_with_its_encoding(
     tmp_path, encoding, kind, remedy, is_whole
 ):
     path = tmp_path / 'drive.mcap'

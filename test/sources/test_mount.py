@@ -83,7 +83,7 @@ def test_a_camera_that_looks_sideways_has_the_mount_of_tf_static(opened, layout,
         ({'topic': '/tf', 'layout': 'mcap plain'}, []),  # what moves does not count
     ],
 )  # fmt: skip
-def test_what_was_given_wins_and_what_tf_static_lacks_is_reported(opened, how, told):
+def test_a_given_mount_overrides_tf_static_and_a_missing_transform_is_reported(opened, how, told):
     assert opened(SIDEWAYS, **how) == (None, told)
 
 
@@ -99,7 +99,7 @@ def test_a_camera_of_a_file_is_in_the_frame_of_the_images(opened, tmp_path):
     assert as_parameter(mount) == '1 0 0 0 0 0'
 
 
-def test_the_last_of_several_messages_counts_and_messages_add_up():
+def test_the_last_transform_of_a_frame_counts_and_transforms_are_chained():
     first = tf(transform('/base_link', 'camera', (1.0, 0.0, 0.0), AS_A_LENS))
     last = tf(transform('mast', 'camera', (0.0, 0.0, 2.0), AS_A_LENS))
     mast = tf(transform('base_link', 'mast', (3.0, 0.0, 0.0)))
@@ -107,7 +107,7 @@ def test_the_last_of_several_messages_counts_and_messages_add_up():
     assert as_parameter(mount_of(lens)) == '3 0 2 0 0 0'
 
 
-def test_the_way_may_lead_up_and_down_again_and_circles_end():
+def test_transforms_are_chained_through_a_common_parent_and_a_circle_gives_none():
     branches = tf(
         transform('body', 'base', (1.0, 0.0, 0.0)), transform('body', 'lens', (3.0, 0.0, 0.0))
     )
@@ -121,6 +121,6 @@ def test_a_transform_that_is_not_finite_is_left_out():
     assert StaticTransforms([broken]).pose_in('base', 'lens') is None
 
 
-def test_numbers_of_a_mount_are_those_of_the_parameter():
+def test_a_mount_is_written_as_the_six_numbers_of_the_parameter():
     mount = of_roll_pitch_yaw((1.0, -2.0, 3.0), 0.1, -0.2, 3.0)
     assert as_parameter(mount) == '1 -2 3 0.1 -0.2 3'

@@ -63,7 +63,7 @@ def test_stamps_of_tum_are_exact_and_frames_lie_between_them(file):
 
 # Of two numbers so small that they have few digits left, the direction below is not known.
 @given(strategies.lists(strategies.floats(-1, 1, allow_subnormal=False), min_size=4, max_size=4))
-def test_every_rotation_keeps_its_turn(tmp_path_factory, numbers):
+def test_a_kitti_rotation_keeps_its_axis_and_angle(tmp_path_factory, numbers):
     length = math.hypot(*numbers)
     if length < 0.1:
         return
@@ -181,14 +181,14 @@ def degrees_of(found):
 
 
 @given(strategies.floats(0, 1), strategies.floats(-170, 170))
-def test_a_turn_goes_on_at_a_steady_rate(share, turn):
+def test_orientation_is_interpolated_at_a_constant_rate(share, turn):
     track = PoseTrack([(0, pose(0)), (SECOND, pose(4, yaw=math.radians(turn)))])
     found = track.at(round(share * SECOND))
     assert found.position[0] == pytest.approx(4 * share, abs=1e-6)
     assert degrees_of(found) == pytest.approx(share * turn, abs=1e-4)
 
 
-def test_a_moment_after_the_last_pose_the_motion_is_taken_to_go_on():
+def test_a_pose_is_extrapolated_for_a_tenth_of_a_second_at_most():
     track = PoseTrack([(0, pose(0)), (SECOND // 2, pose(1, yaw=math.radians(10)))])
     late = track.at(SECOND // 2 + 100 * MS)
     assert late.position[0] == pytest.approx(1.2)
@@ -196,7 +196,7 @@ def test_a_moment_after_the_last_pose_the_motion_is_taken_to_go_on():
     assert track.at(SECOND // 2 + 101 * MS) is None
 
 
-def test_poses_in_the_wrong_order_are_left_out_and_a_jump_of_the_clock_begins_anew():
+def test_late_poses_are_left_out_and_a_backward_clock_jump_restarts_the_track():
     track = PoseTrack([(5 * SECOND, pose(1)), (5 * SECOND, pose(9)), (5 * SECOND - 1, pose(9))])
     assert track.last_stamp_ns == 5 * SECOND and track.at(5 * SECOND) == pose(1)
     track.add(SECOND, pose(2))

@@ -36,12 +36,12 @@ def test_an_image_has_the_fields_that_were_written(
 
 
 @given(TEXT, TEXT, DATA, st.booleans())
-def test_a_compressed_one_as_well(frame, name, data, is_little):
+def test_a_compressed_image_has_the_fields_that_were_written(frame, name, data, is_little):
     cdr = serialized(COMPRESSED_IMAGE, frame, is_little, format=name, data=data)
     assert RawMessage(0, COMPRESSED_IMAGE, cdr).image() == (name, data)
 
 
-def test_one_that_is_cut_short_anywhere_says_so():
+def test_a_truncated_image_message_is_reported_as_damaged():
     fields = {'height': 1, 'width': 3, 'encoding': 'mono8', 'is_bigendian': 0, 'step': 3}
     cdr = serialized(IMAGE, 'camera', True, **fields, data=b'abc')
     whole = len(cdr.rstrip(b'\0'))

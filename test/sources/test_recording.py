@@ -77,7 +77,7 @@ def two_cameras(pictures):
 
 
 @pytest.mark.parametrize('wanted', ['/right/image_raw', 'right/image_raw'])
-def test_a_topic_asked_for_is_read_alone(write, wanted, pictures):
+def test_only_the_given_topic_is_read(write, wanted, pictures):
     path = write('mcap folder', two_cameras(pictures))
     recording = open_source(path, wanted)
     assert recording.topic == '/right/image_raw'
@@ -173,7 +173,9 @@ def test_pictures_beside_a_recording_are_not_mistaken_for_it(write, pictures):
 
 
 @pytest.mark.parametrize('module', ['rosbags', 'mcap'])
-def test_a_missing_library_is_one_line_of_advice(write, pictures, monkeypatch, module):
+def test_a_missing_library_is_reported_in_one_line_with_the_remedy(
+    write, pictures, monkeypatch, module
+):
     path = write('mcap file', recordings.drive(pictures))
     path.write_bytes(path.read_bytes()[:-20])
     typestore.cache_clear()
@@ -191,7 +193,7 @@ def depth(number, stamp_ns, **changes):
     return recordings.image(np.zeros((24, 32), np.uint8), stamp_ns, **fields)
 
 
-def test_both_encodings_and_both_orders_of_bytes():
+def test_depth_images_of_both_encodings_and_byte_orders_give_metres():
     metres = np.linspace(0.5, 8, 24 * 32).reshape(24, 32)
     metres[0, 0] = np.nan
     big = metres.astype('>f4')

@@ -59,7 +59,7 @@ def test_a_file_that_was_compressed_after_recording_is_the_one_that_metadata_nam
 
 
 @pytest.mark.parametrize('suffix', ['', '_recovered'])
-def test_of_a_cut_file_and_its_whole_one_the_whole_one_is_read(write, tmp_path, pictures, suffix):
+def test_a_whole_file_is_read_instead_of_its_truncated_copy(write, tmp_path, pictures, suffix):
     whole = write('mcap plain', recordings.drive(pictures))
     folder = tmp_path / 'both'
     folder.mkdir()

@@ -31,7 +31,7 @@ def stamped(write, pictures, stamps_ns, layout='mcap file', log_step_ns=recordin
         ),
     ],
 )
-def test_times_of_recording_replace_stamps_that_tell_no_time(
+def test_times_of_recording_replace_constant_or_whole_second_stamps(
     write, layout, pictures, stamps, told
 ):
     path, logged = stamped(write, pictures, stamps, layout)

@@ -31,7 +31,7 @@ def test_the_colour_camera_is_best(topics):
     assert best(reversed(topics), image_rank) == [topics[0]]
 
 
-def test_words_of_the_namespace_say_nothing():
+def test_the_namespace_does_not_change_the_rank_of_a_topic():
     assert image_rank('/ir_rover/image_raw', '/ir_rover/') == image_rank('/image_raw')
 
 
@@ -41,7 +41,7 @@ def test_cameras_of_one_kind_are_equally_good():
     assert best([], image_rank) == []
 
 
-def test_one_camera_in_several_forms_is_one():
+def test_several_topics_of_one_camera_count_as_one():
     forms = ['/front/image_rect', '/front/image_raw', '/rear/image_color', '/rear/image_mono']
     assert one_of_each_camera(forms) == ['/front/image_raw', '/rear/image_color']
     unlike = ['/front/compressed', '/rear/compressed']

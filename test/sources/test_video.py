@@ -33,7 +33,7 @@ def test_a_video_gives_its_frames_in_time(video):
     assert source.warnings == []
 
 
-def test_what_opencv_cannot_read_is_refused(tmp_path):
+def test_a_video_that_opencv_cannot_read_is_refused(tmp_path):
     (tmp_path / 'bad.mp4').write_bytes(b'no video')
     with pytest.raises(SourceError, match=r'bad.mp4: OpenCV cannot read this video'):
         open_source(tmp_path / 'bad.mp4')
