@@ -5,7 +5,8 @@ Images and maps for the measurements: a drawn street, driven by day and again in
 
 A map of any size is made of the day's descriptors, lap by lap. Each lap except one is another
 street: pieces of the images are permuted, images are mixed, and random variation is added. The lap
-in the middle is the street itself, so that the queries have a match.
+in the middle is the street itself, so that the queries have a match. Other laps have the keypoints
+of other images of the day.
 """
 
 from collections.abc import Iterator
@@ -23,6 +24,7 @@ import sys
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import identity_of
+from convseq_ros.core.encoding.keypoints import detect
 from convseq_ros.core.encoding.regions import global_descriptor, unit
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.image_coding import thumbnail
@@ -37,11 +39,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-_THUMBNAIL_PX = 128
+_KEPT = KeyframeConfig()
 _SPACING_NS = 100_000_000
 _START_M = 3.4
 _VARIATION = 0.1
 _PIECES = 4
+_LAP_SHIFT = 17  # images: how far the keypoints of a lap are off those of the lap before
 
 Cells = npt.NDArray[np.float32]
 
@@ -88,9 +91,16 @@ def prepare(folder: Path, sizes: tuple[int, ...], frames: int) -> None:
     np.save(queries, np.array(_gray(street, evening)))
     day = _gray(street, Drive(num_frames=frames))
     cells = np.array([describe(gray).cells for gray in day])
-    thumbnails = [thumbnail(gray, _THUMBNAIL_PX) for gray in day]
+    visible = np.ones(cells.shape[1:3], bool)
+    kept = [
+        (
+            thumbnail(gray, _KEPT.thumbnail_width_px),
+            detect(gray, visible, _KEPT.keypoints).tobytes(),
+        )
+        for gray in day
+    ]
     for size in missing:
-        _write(map_path(folder, size), size, cells, thumbnails)
+        _write(map_path(folder, size), size, cells, kept)
 
 
 def map_path(folder: Path, size: int) -> Path:
@@ -180,12 +190,17 @@ def _gray(street: Street, drive: Drive) -> list[npt.NDArray[np.uint8]]:
     return [cv2.cvtColor(shot.image, cv2.COLOR_BGR2GRAY) for shot in draw(street, drive)]
 
 
-def _write(path: Path, size: int, cells: Cells, thumbnails: list[bytes]) -> None:
+def _write(path: Path, size: int, cells: Cells, kept: list[tuple[bytes, bytes]]) -> None:
+    """Write a map of varied cells, and of what is kept of the day's images besides."""
+    count = len(kept)
     with complete_or_absent(path) as part:
         with MapWriter(part, EncodingConfig(), EVERY_FRAME) as writer:
             for index, packed in enumerate(_laps(size, cells)):
                 place = Place(index * _SPACING_NS, f'{index:06d}.png')
-                picture = Picture(packed, thumbnails[index % len(thumbnails)])
+                shift = _LAP_SHIFT * ((index - home(size, count)) // count)
+                shown, _ = kept[index % count]
+                _, keypoints = kept[(index + shift) % count]
+                picture = Picture(packed, shown, keypoints)
                 writer.add(place, picture, global_descriptor(unpack_cells(packed)))
         _mark_linked(part, size)
 

@@ -157,8 +157,9 @@ def _machine(measured: Mapping[str, Any]) -> str:
     )
     clock = _text(machine['clock_ghz'], ' GHz')
     text = (
-        f'Measured {about["date"][:10]} on {machine["cpu"]}, {machine["cores"]} cores, clock '
-        f'{clock}, peak of one core {peaks or "not measured"}, {number(machine["memory_gb"])} GB, '
+        f'Measured {about["date"][:10]} at {about["commit"][:8]} on {machine["cpu"]}, '
+        f'{machine["cores"]} cores, clock {clock}, '
+        f'peak of one core {peaks or "not measured"}, {number(machine["memory_gb"])} GB, '
         f'kernels {machine["kernels"]}, load {machine["load"]}; {versions}. Times of frames are '
         'medians of the processor time on one core; images are drawn: a street by day is the '
         'map, the same street in the evening the query. R is the number of places.'

@@ -32,7 +32,8 @@ class Drive:
     names: Sequence[str]  # file name or topic
     readable: Sequence[bool]  # whether the image could be decoded
     descriptors: Sequence[Descriptor]  # blank for an unreadable image
-    encode_ms: float  # median time to describe an image
+    encode_ms: float  # median time to describe an image ...
+    keypoints_ms: float  # ... and to detect its keypoints
     thumbnails: Sequence[bytes] = ()  # JPEG; empty for an unreadable image
 
     def __len__(self) -> int:
@@ -72,7 +73,8 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
     first_stage = FirstStage(model, encoding)
     kept = KeyframeConfig()
     visible = visible_cells(encoding.image_mask, blank.cells.shape[0])
-    stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
+    stamps_ns, names, readable, descriptors = [], [], [], []
+    described_ms, detected_ms = [], []
     thumbnails: list[bytes] = []
     for raw in images:
         frame = upright(raw, encoding)
@@ -81,8 +83,9 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
             descriptors.append(blank)
         else:
             descriptor = first_stage.add(frame, describe(frame.gray, encoding))
-            durations.append((time.perf_counter() - started) * 1e3)
+            described_ms.append((time.perf_counter() - started) * 1e3)
             corners = detect(frame.gray, visible, kept.keypoints)
+            detected_ms.append((time.perf_counter() - started) * 1e3 - described_ms[-1])
             light = brightness(frame.gray)
             descriptors.append(replace(descriptor, keypoints=corners, brightness=light))
         gray = frame.gray
@@ -90,7 +93,7 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
         stamps_ns.append(frame.stamp_ns)
         names.append(frame.source)
         readable.append(frame.gray is not None)
-    if not durations:
+    if not described_ms:
         raise SourceError(f'{images.part}: none of its {len(names)} images can be read')
-    encode_ms = float(np.median(durations))
-    return Drive(encoding, stamps_ns, names, readable, descriptors, encode_ms, thumbnails)
+    times_ms = float(np.median(described_ms)), float(np.median(detected_ms))
+    return Drive(encoding, stamps_ns, names, readable, descriptors, *times_ms, thumbnails)

@@ -11,8 +11,8 @@ from convseq_ros.core.decision.paper.length import choose_length
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Reason
 from convseq_ros.evaluation.given_scores import PairScores, rank_references, recognize_given
-from convseq_ros.evaluation.method_name import MethodName
-from convseq_ros.evaluation.methods import Kind, Method
+from convseq_ros.evaluation.method_name import MethodName, parse_method
+from convseq_ros.evaluation.methods import Kind, make_method, Method
 from convseq_ros.evaluation.peers import peer_scores
 from convseq_ros.evaluation.protocols import OPEN, run_protocol
 from convseq_ros.evaluation.recognition import overridden, recognize
@@ -117,6 +117,21 @@ def test_a_method_may_decide_itself_in_every_part_of_the_map(street, quick):
         expected += [index if first <= index < first + 12 else None for index in range(24)]
     assert found == expected
     assert outcome.frame_ms == 3.0
+
+
+def test_keypoints_count_in_size_and_time_if_the_method_asks_them(street, quick):
+    material = street.open()
+    query, reference = material.drives(quick.encoding)
+    counts = [len(one.keypoints) for one in reference.descriptors]
+    assert query.keypoints_ms > 0 and np.mean(counts) > 50
+    coherent = overridden(quick, {'matching': 'coherent'})
+    by_belief, by_margin = (
+        make_method(parse_method('convseq'), overridden(coherent, rule)).rows(material)
+        for rule in ({'acceptance_rule': 'belief'}, {'acceptance_rule': 'margin'})
+    )
+    assert by_belief.place_bytes - by_margin.place_bytes == pytest.approx(34 * np.mean(counts))
+    assert by_margin.encode_ms == query.encode_ms
+    assert by_belief.encode_ms == query.encode_ms + query.keypoints_ms
 
 
 def test_the_direct_index_at_the_root_is_none_and_at_the_words_finds_fewer(street):
