@@ -48,12 +48,12 @@ class Turned:
         return self.street.spot(self.length_m - distance_m, -offset_m, yaw_rad + math.pi)
 
 
-def driven(way: Way, name: str, again: str = '', back: bool = False) -> Shown:
+def driven(aisle: Way, name: str, again: str = '', back: bool = False) -> Shown:
     """Return frames 1 m apart with their positions; `again` is the light of a second drive."""
     light, lane_m = again or 'day', LANE_M + (ASIDE_M if again else 0.0)
-    metres = round(way.length_m - 2 * MARGIN_M)
+    metres = round(aisle.length_m - 2 * MARGIN_M)
     drawn = shots(
-        way, start_m=metres + MARGIN_M if back else MARGIN_M, speed_mps=-10.0 if back else 10.0,
+        aisle, start_m=metres + MARGIN_M if back else MARGIN_M, speed_mps=-10.0 if back else 10.0,
         heading_deg=180.0 if back else 0.0, num_frames=metres, light=light, noise=NOISE[light],
         lane_offset_m=-lane_m if back else lane_m, seed=10 * ord(name) + 2 * bool(again) + back,
     )  # fmt: skip
@@ -86,14 +86,14 @@ def main() -> None:
     config, results = make_config({'threads': chosen.threads}), defaultdict(Counter)
     for street in chosen.streets:
         light = 'day' if street % 2 else 'evening'
-        way = Street(chosen.metres + 2 * MARGIN_M, street)
+        aisle = Street(chosen.metres + 2 * MARGIN_M, street)
         mapped, again, back = (
-            driven(way, 'A'),
-            driven(way, 'A', light),
-            driven(way, 'A', light, True),
+            driven(aisle, 'A'),
+            driven(aisle, 'A', light),
+            driven(aisle, 'A', light, True),
         )
         for share in chosen.alike:
-            twin = replace(way, things_seed=1000 + street, alike=share)
+            twin = replace(aisle, things_seed=1000 + street, alike=share)
             twin_mapped, twin_again = driven(twin, 'B'), driven(twin, 'B', light)
             turned = Turned(twin)
             for name, maps, queries in (

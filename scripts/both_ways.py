@@ -29,7 +29,7 @@ NOISE = {'day': 1.0, 'evening': 2.0}
 FRONT, REAR = '/front', '/rear'
 YAW_DEG = {FRONT: 0.0, REAR: 180.0}
 # The second drive: heading and cameras.
-WAYS = {'in reverse gear': (0.0, (FRONT,)), 'back, two cameras': (180.0, (FRONT, REAR))}
+DRIVES = {'in reverse gear': (0.0, (FRONT,)), 'back, two cameras': (180.0, (FRONT, REAR))}
 BOTH = Config(matching=MatchingConfig(both_directions=True))
 RULES = {'one': Config(), 'both': BOTH, 'both, no poses': BOTH}
 
@@ -76,7 +76,7 @@ def main() -> None:
         first = driven(street, chosen.metres, FRONT, start_m=10.0, **how)
         frames, at = [frame for _, frame in first], {one.stamp_ns: at for at, one in first}
         with_poses, without = build_map(frames), build_map(blind(frames))
-        for way, (heading_deg, sources) in WAYS.items():
+        for drive, (heading_deg, sources) in DRIVES.items():
             for aside_m in (1.0, 3.0):
                 for number, (light, noise) in enumerate(NOISE.items(), 1):
                     how = {
@@ -96,7 +96,7 @@ def main() -> None:
                         if rule == ('one' if heading_deg else 'both, no poses'):
                             continue  # nearly the same images as in reverse gear
                         reference_map = without if 'no poses' in rule else with_poses
-                        key = way, f'{aside_m:g} m', light, rule
+                        key = drive, f'{aside_m:g} m', light, rule
                         counts, turned = recognised(reference_map, at, config, shown)
                         results[key].update(counts)
                         turned_deg[key] += turned

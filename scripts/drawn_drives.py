@@ -118,9 +118,9 @@ def altered(gray: np.ndarray, look: str, rng: np.random.Generator) -> np.ndarray
 def drawn(pair: Pair, is_query: bool) -> tuple[list[Frame], np.ndarray]:
     """Return the frames of the map drive or of the query drive, and their distances."""
     speed = pair.speed if is_query else 1.0
-    way = Terrace(1000.0, pair.seed) if pair.is_terrace else Street(1000.0, pair.seed)
+    street = Terrace(1000.0, pair.seed) if pair.is_terrace else Street(1000.0, pair.seed)
     shown = shots(
-        way, speed_mps=SPEED_MPS * speed, frame_rate_hz=SPEED_MPS / pair.step_m,
+        street, speed_mps=SPEED_MPS * speed, frame_rate_hz=SPEED_MPS / pair.step_m,
         num_frames=int(pair.count / speed), lane_offset_m=pair.offset_m if is_query else -1.5,
         heading_deg=pair.heading_deg * is_query, light=pair.light if is_query else 'day',
         noise=pair.noise * is_query, seed=2 * pair.seed + is_query,

@@ -9,7 +9,7 @@ data sets, so is corridor; laps and the other circuit are matched against the fi
 strongest verified place of each frame counts: right within 5 m (corridor: 5 frames), wrong beyond
 15 (laps: as in laps.py). Right and wrong places have the same total weight, and so have all
 drives. Keypoints are asked in every frame. The fit is linear in the leads of the cells and of the
-keypoints; the shipped ratio of keypoints is drawn for each usual lead beside what was seen.
+keypoints; the shipped ratio of keypoints is drawn for each usual lead beside what was observed.
 """
 
 from collections.abc import Callable, Iterator
@@ -33,16 +33,16 @@ Values = np.ndarray
 
 def watched(recognizer: PlaceRecognizer) -> list[Observation]:
     """Return a list to which every observation is appended."""
-    seen = list[Observation]()
+    observations = list[Observation]()
     observer = recognizer.decider._observer
     observe: Callable[..., Observation] = observer.observe
 
     def keep(*arguments: object) -> Observation:
-        seen.append(observe(*arguments))
-        return seen[-1]
+        observations.append(observe(*arguments))
+        return observations[-1]
 
     observer.observe = keep  # type: ignore[method-assign]
-    return seen
+    return observations
 
 
 def leads(drive: Drive) -> Iterator[tuple[float, float, float, bool]]:
@@ -50,10 +50,10 @@ def leads(drive: Drive) -> Iterator[tuple[float, float, float, bool]]:
     made = build_map([frame for frame, _ in drive.mapped], None, drive.config)
     where = {frame.stamp_ns: at for frame, at in drive.mapped}
     recognizer = PlaceRecognizer(made, drive.config)
-    seen = watched(recognizer)
+    observations = watched(recognizer)
     for frame, there in drive.queries:
         recognizer.process(frame)
-        newest = seen.pop() if seen else None
+        newest = observations.pop() if observations else None
         if not newest or not newest.leads or not newest.has_rivals:
             continue
         best = int(newest.leads.strength.argmax())

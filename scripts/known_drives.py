@@ -124,15 +124,15 @@ def of_laps(folder: Path, changes: dict[str, Any], what: str) -> Drive:
 
 def of_aisles(seed: int, light: str, changes: dict[str, Any], what: str) -> Drive:
     """Return a drive through aisle B, or A and B, of which A, both, or both turned are mapped."""
-    way = Street(250 + 2 * aisles.MARGIN_M, seed)
-    twin = replace(way, things_seed=1000 + seed, alike=0.0)
+    aisle = Street(250 + 2 * aisles.MARGIN_M, seed)
+    twin = replace(aisle, things_seed=1000 + seed, alike=0.0)
     turned = aisles.Turned(twin)
     back = what in ('back', 'turned')
     other = turned if what == 'turned' else twin
-    maps = [aisles.driven(way, 'A')] + [aisles.driven(other, 'B')] * (what != 'only A')
+    maps = [aisles.driven(aisle, 'A')] + [aisles.driven(other, 'B')] * (what != 'only A')
     parts = [aisles.driven(other, 'B', light, back)]
     if what != 'only A':
-        parts.insert(0, aisles.driven(way, 'A', light, back))
+        parts.insert(0, aisles.driven(aisle, 'A', light, back))
 
     def placed(shown: Sequence[aisles.Shown], is_mapped: bool) -> Shown:
         return [

@@ -89,7 +89,7 @@ def of_laps(data: Path) -> None:
 def of_town(_data: Path) -> None:
     """Print the links of three passes, in one session and in three."""
     config, route = Config(), ring(150.0, 100.0, 5)
-    links_by_way = []
+    links_by_sessions = []
     for sessions in ((0, 1, 2),), ((0,), (1,), (2,)):
         true = dict[int, Pose]()
         with tempfile.TemporaryDirectory() as folder:
@@ -110,9 +110,9 @@ def of_town(_data: Path) -> None:
             f'{right / later:.3f}; {len(links) - right} wrong',
             flush=True,
         )
-        links_by_way.append(links)
-    both = links_by_way[0].keys() & links_by_way[1].keys()
-    same = sum(links_by_way[0][one] == links_by_way[1][one] for one in both)
+        links_by_sessions.append(links)
+    both = links_by_sessions[0].keys() & links_by_sessions[1].keys()
+    same = sum(links_by_sessions[0][one] == links_by_sessions[1][one] for one in both)
     print(f'town, linked in both ways: {len(both)}, {same} of them to the same keyframe')
 
 

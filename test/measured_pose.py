@@ -22,10 +22,10 @@ SIZE = {'width_px': 320, 'height_px': 240}
 @cache
 def drawn_street():
     """Return frames of a map, a metre apart, and of a drive in the evening, further left."""
-    way = Street(120.0, 5)
+    street = Street(120.0, 5)
     there = Drive(num_frames=30, **SIZE)
     here = Drive(num_frames=24, start_m=2.4, lane_offset_m=-0.7, light='evening', seed=1, **SIZE)
-    return [[shot.frame for shot in shots_of(way, one)] for one in (there, here)]
+    return [[shot.frame for shot in shots_of(street, one)] for one in (there, here)]
 
 
 def measured(reference_map, query, index, reading=ReadingConfig()):

@@ -18,7 +18,7 @@ _MOST_MS = 0.3
 _AHEAD = (0.0, 0.0, 0.0, 1.0)
 BY_SCENE = 'by scene, no odometry'
 # The keyframe rule, whether there is odometry, and the speed in m/s.
-_WAYS = {
+_SETUPS = {
     'by time': (KeyframeConfig(keyframe_interval_s=0.125), False, 10.0),
     'by odometry': (KeyframeConfig(keyframe_distance_m=1.25), True, 10.0),
     'by scene, odometry says that it moves': (KeyframeConfig(), True, 1.0),
@@ -28,7 +28,7 @@ _WAYS = {
 
 def measure(work: Work) -> list[Finding]:
     """Measure frames between keyframes."""
-    return [_measured(work, name, *way) for name, way in _WAYS.items()]
+    return [_measured(work, name, *setup) for name, setup in _SETUPS.items()]
 
 
 def _measured(

@@ -33,8 +33,8 @@ _SALIENCY = 0.5  # of the highest entropy; the default of `saliency_threshold`
 
 def salient(query: Descriptor) -> int:
     """Return the number of compared regions of a query."""
-    seen = extract(query, _SALIENCY * ENTROPY.max_bits)
-    return len(seen.index) if seen else 0
+    features = extract(query, _SALIENCY * ENTROPY.max_bits)
+    return len(features.index) if features else 0
 
 
 def measure(work: Work) -> list[Finding]:
@@ -44,14 +44,14 @@ def measure(work: Work) -> list[Finding]:
     query = describe(work.images[0])
     references = open_map(work.map_path(work.sizes[0]))
     indices = (work.sizes[0] // 2 + np.arange(_PAIRS)) % work.sizes[0]
-    seen = extract(query, _SALIENCY * ENTROPY.max_bits)
-    assert seen
+    features = extract(query, _SALIENCY * ENTROPY.max_bits)
+    assert features
     exact = [
-        coherent_score(seen, projected_regions(references.cells(index)))[0]
+        coherent_score(features, projected_regions(references.cells(index)))[0]
         for index in indices.tolist()
     ]
     peak = int8_peak()
-    what = f'pair of images, {len(seen.index)} regions with {REGIONS}'
+    what = f'pair of images, {len(features.index)} regions with {REGIONS}'
     findings = [
         Finding(what='peak of a core, float32', value=float32_peak(), unit='GFLOP/s'),
         Finding(what='peak of a core, int8', value=peak, unit='GOP/s', note=library().variant),
@@ -71,7 +71,7 @@ def measure(work: Work) -> list[Finding]:
         timed = {'value': value, 'low': low, 'high': high, 'runs': len(took_ms)}
         findings.append(replace(finding, **timed, note=f'error {error:.0e}'))
         if kernel == 'int8' and peak:
-            share = len(seen.index) * REGIONS * OPERATIONS / value / 1e6 / peak
+            share = len(features.index) * REGIONS * OPERATIONS / value / 1e6 / peak
             finding = replace(finding, value=share, unit='of the peak', least=_LEAST_SHARE)
             findings.append(finding)
     return findings

@@ -35,7 +35,7 @@ def measure(work: Work) -> list[Finding]:
     keyframes = _QUICK_KEYFRAMES if work.quick else _KEYFRAMES
     closures = _closures(keyframes, _QUICK_CLOSURES if work.quick else _CLOSURES)
     graph, messages, updates = PoseGraph(PoseGraphConfig(graph_spacing_m=1.0)), [], []
-    for number, odometry in enumerate(_drifted(_way(keyframes))):
+    for number, odometry in enumerate(_drifted(_true_poses(keyframes))):
         start_ns = time.process_time_ns()
         graph.add_odometry((number + 1) * _SECOND, odometry)
         messages.append(time.process_time_ns() - start_ns)
@@ -73,7 +73,7 @@ def _pose(x: float, y: float, yaw: float) -> Matrix:
     return pose
 
 
-def _way(count: int) -> list[Matrix]:
+def _true_poses(count: int) -> list[Matrix]:
     """Return the true poses (4, 4): at each corner a random turn, but none back."""
     rng, corner, heading = np.random.default_rng(0), np.zeros(2, int), 0
     ahead = np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])
@@ -90,9 +90,9 @@ def _way(count: int) -> list[Matrix]:
     return poses[:count]
 
 
-def _drifted(way: list[Matrix]) -> list[Matrix]:
-    rng, poses = np.random.default_rng(1), [way[0]]
-    for before, after in pairwise(way):
+def _drifted(true_poses: list[Matrix]) -> list[Matrix]:
+    rng, poses = np.random.default_rng(1), [true_poses[0]]
+    for before, after in pairwise(true_poses):
         noise = _pose(*rng.normal(0, 0.07, 2), rng.normal(0, 0.004))
         poses.append(poses[-1] @ inverse(before) @ after @ noise)
     return poses
@@ -100,13 +100,14 @@ def _drifted(way: list[Matrix]) -> list[Matrix]:
 
 def _closures(keyframes: int, count: int) -> dict[int, list[Closure]]:
     """Return closures by keyframe: right ones where a place is driven again, and false ones."""
-    rng, way, before = np.random.default_rng(2), _way(keyframes), dict[tuple[int, ...], int]()
+    rng, poses = np.random.default_rng(2), _true_poses(keyframes)
+    before = dict[tuple[int, ...], int]()
     pairs, covariance = list[tuple[int, int, Matrix]](), np.diag(_SIGMAS**2)
-    for number, pose in enumerate(way):
+    for number, pose in enumerate(poses):
         key = (*np.rint(pose[:2, 3]).astype(int).tolist(), *np.rint(pose[:2, 0]).astype(int))
         if number - before.setdefault(key, number) > _BLOCK_STEPS:
             noise = _pose(*rng.normal(0, 0.15, 2), rng.normal(0, 0.02))
-            pairs.append((number, before[key], inverse(way[before[key]]) @ pose @ noise))
+            pairs.append((number, before[key], inverse(poses[before[key]]) @ pose @ noise))
     chosen = [pairs[at] for at in np.linspace(0, len(pairs) - 1, count).astype(int)]
     found = dict[int, list[Closure]]()
     for number, place, moved in chosen:

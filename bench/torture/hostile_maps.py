@@ -56,8 +56,8 @@ def hostile_maps(count: int, seed: int, folder: Path) -> Iterator[Try]:
         with tempfile.TemporaryDirectory(dir=folder) as scratch:
             path = Path(scratch, 'map.db')
             save_map(drawn(_PLACES), path)
-            way = _WAYS[number % len(_WAYS)]
-            way(path, draw)
+            attack = _ATTACKS[number % len(_ATTACKS)]
+            attack(path, draw)
             command, arguments = draw.choice([*_commands(path, drive).items()])
             problem = ended(lambda arguments=arguments: convseq(arguments)).problem
             yield Try(f'{number}: {command}', problem)
@@ -155,4 +155,4 @@ def _beside(path: Path, draw: random.Random) -> None:
 
 
 _CHANGES = *8 * [_value], *3 * [_setting], _table_of_another
-_WAYS = *(partial(_execute, change) for change in _CHANGES), _holes, *3 * [_beside]
+_ATTACKS = *(partial(_execute, change) for change in _CHANGES), _holes, *3 * [_beside]

@@ -142,11 +142,11 @@ def test_keypoints_that_moved_alike_are_inliers_and_others_are_not(random):
     image = textured(random)
     moved = cv2.warpAffine(image, np.float32([[1, 0, 9], [0, 1, 4]]), image.shape[::-1])
     for extract in (orb, root_sift):
-        seen = extract(image)
-        assert 50 < len(seen.points_px) <= COUNT
-        assert inliers(seen, extract(moved)) > 50
-        assert inliers(seen, extract(textured(random))) < 20
-        assert inliers(seen, extract(np.zeros((1, 1), np.uint8))) == 0
+        keypoints = extract(image)
+        assert 50 < len(keypoints.points_px) <= COUNT
+        assert inliers(keypoints, extract(moved)) > 50
+        assert inliers(keypoints, extract(textured(random))) < 20
+        assert inliers(keypoints, extract(np.zeros((1, 1), np.uint8))) == 0
 
 
 def test_small_images_have_many_keypoints(random):
@@ -179,11 +179,11 @@ def test_the_direct_index_matches_within_a_node_only():
 
 def test_nodes_decide_which_keypoints_are_inliers(random):
     image = textured(random)
-    seen = orb(image)
-    one = np.zeros(len(seen.points_px), np.int32)
-    assert inliers(replace(seen, nodes=one), replace(seen, nodes=one)) > 50
-    assert inliers(replace(seen, nodes=one), replace(seen, nodes=one + 1)) == 0
-    assert replace(seen, nodes=one).size_bytes == seen.size_bytes + 4 * len(one)
+    keypoints = orb(image)
+    one = np.zeros(len(keypoints.points_px), np.int32)
+    assert inliers(replace(keypoints, nodes=one), replace(keypoints, nodes=one)) > 50
+    assert inliers(replace(keypoints, nodes=one), replace(keypoints, nodes=one + 1)) == 0
+    assert replace(keypoints, nodes=one).size_bytes == keypoints.size_bytes + 4 * len(one)
 
 
 def test_a_loop_takes_more_than_three_frames_that_agree_and_twelve_inliers():

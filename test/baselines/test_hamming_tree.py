@@ -22,7 +22,7 @@ needs_pyhbst = pytest.mark.skipif(
 )
 
 
-def seen(bits):
+def keypoints(bits):
     return Keypoints(np.zeros((len(bits), 2), np.float32), np.array(bits, np.uint8))
 
 
@@ -31,23 +31,23 @@ def test_a_share_counts_the_descriptors_of_the_query_that_an_image_has():
     first, second, third = np.random.default_rng(3).integers(0, 256, (3, 4, 32), np.uint8)
     nothing, tree = np.zeros((0, 32)), HammingTree()
     for image in (first, nothing, [*second[:2], *third[:1]]):
-        tree.add(seen(image))
+        tree.add(keypoints(image))
     assert len(tree) == 3
-    assert tree.shares(seen(first)).tolist() == [1, 0, 0]
-    assert tree.shares(seen(second)).tolist() == [0, 0, 0.5]
-    assert tree.shares(seen(third)).tolist() == [0, 0, 0.25]
-    assert tree.shares(seen(nothing)).tolist() == [0, 0, 0]
-    tree.add(seen(third))
-    assert tree.shares(seen(third)).tolist() == [0, 0, 0.25, 1]
+    assert tree.shares(keypoints(first)).tolist() == [1, 0, 0]
+    assert tree.shares(keypoints(second)).tolist() == [0, 0, 0.5]
+    assert tree.shares(keypoints(third)).tolist() == [0, 0, 0.25]
+    assert tree.shares(keypoints(nothing)).tolist() == [0, 0, 0]
+    tree.add(keypoints(third))
+    assert tree.shares(keypoints(third)).tolist() == [0, 0, 0.25, 1]
 
 
 @needs_pyhbst
 @pytest.mark.parametrize(('bits', 'share'), [(24, 1), (25, 0)])
 def test_descriptors_match_that_are_less_than_25_bits_apart(bits, share):
     tree, one = HammingTree(), np.zeros((1, 32), np.uint8)
-    tree.add(seen(one))
+    tree.add(keypoints(one))
     one[0] = np.packbits(np.arange(256) < bits)
-    assert tree.shares(seen(one)).tolist() == [share]
+    assert tree.shares(keypoints(one)).tolist() == [share]
 
 
 def test_the_reference_with_most_inliers_of_the_5_best_is_taken():

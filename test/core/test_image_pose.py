@@ -123,10 +123,10 @@ EVERY = Config(keyframes=EVERY_FRAME)
 @pytest.fixture(scope='module')
 def deep_street():
     """Return frames with depth of a map, and of a drive in the evening, further left."""
-    way = Street(120.0, 5)
+    street = Street(120.0, 5)
     there = Drive(num_frames=14, has_depth=True, **SIZE)
     here = Drive(num_frames=10, start_m=2.4, lane_offset_m=-0.7, light='evening', seed=1, **SIZE)
-    return [[shot.frame for shot in shots_of(way, one)] for one in (there, here)]
+    return [[shot.frame for shot in shots_of(street, one)] for one in (there, here)]
 
 
 def blind(frames, change=lambda depth_m: depth_m):

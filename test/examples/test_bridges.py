@@ -76,13 +76,13 @@ def test_rtabmap_link_goes_from_the_newer_to_the_older_node(store):
     assert np.allclose(information, information.T)
     # Seen from the query, the error of its own turn moves the reference about.
     drawn = np.random.default_rng(0).multivariate_normal(np.zeros(6), CLOSURE.covariance, 20000)
-    seen = [seen_from_query(error) for error in drawn]
-    found = np.cov(np.array(seen).T)
+    errors = [error_of_inverse(error) for error in drawn]
+    found = np.cov(np.array(errors).T)
     expected = np.linalg.inv(information)
     assert np.abs(found - expected).max() < 0.05 * np.abs(expected).max()
 
 
-def seen_from_query(error):
+def error_of_inverse(error):
     """Return how far off the inverse is, if the closure is off by so much."""
     turned = rotation(error[3:]) @ TURN
     position = -turned.T @ (CLOSURE.position + error[:3])

@@ -134,11 +134,11 @@ def test_odometry_and_camera_info_are_played_between_the_images(
     images = hear(client, start, Image, '/camera', tmp_path / 'drive', *options)
     assert stamps_of(images) == [START_NS + index * STEP_NS for index in (1, 2, 3, 4)]
     # The second before the first image, and the last that was said before that.
-    ways = [message for message in heard if isinstance(message, Odometry)]
+    played = [message for message in heard if isinstance(message, Odometry)]
     begin_ns = START_NS + STEP_NS - SECOND
     expected = [stamp for stamp, _ in odometry if stamp >= begin_ns]
-    assert stamps_of(ways)[1:] == expected
-    assert begin_ns - STEP_NS // 2 <= stamps_of(ways)[0] < begin_ns
+    assert stamps_of(played)[1:] == expected
+    assert begin_ns - STEP_NS // 2 <= stamps_of(played)[0] < begin_ns
     assert stamps_of(message for message in heard if isinstance(message, CameraInfo)) == [early_ns]
 
 

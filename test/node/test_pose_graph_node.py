@@ -176,7 +176,7 @@ def test_files_are_written_by_the_service_and_at_the_end_and_read_again(
     client, graph_node, tmp_path
 ):
     pytest.importorskip('gtsam')
-    names = {'graph_file': 'map.graph', 'tum_file': 'way.txt', 'g2o_file': 'way.g2o'}
+    names = {'graph_file': 'map.graph', 'tum_file': 'path.txt', 'g2o_file': 'path.g2o'}
     files = {name: tmp_path / file for name, file in names.items()}
     node = graph_node(**files)
     drive(node)
@@ -203,10 +203,10 @@ def test_files_are_written_by_the_service_and_at_the_end_and_read_again(
 
 def test_evo_reads_the_trajectory(client, graph_node, tmp_path):
     file_interface = pytest.importorskip('evo.tools.file_interface')
-    node = graph_node(tum_file=tmp_path / 'way.txt')
+    node = graph_node(tum_file=tmp_path / 'path.txt')
     drive(node)
-    assert node._save() == f'written: {tmp_path / "way.txt"}'
-    read = file_interface.read_tum_trajectory_file(str(tmp_path / 'way.txt'))
+    assert node._save() == f'written: {tmp_path / "path.txt"}'
+    read = file_interface.read_tum_trajectory_file(str(tmp_path / 'path.txt'))
     assert read.timestamps[-1] == pytest.approx(stamp(NUM) / 1e9)
     ends = np.array(DRIFTED)[:, :3, 3]
     assert np.abs(read.positions_xyz - ends).max() < 1e-6

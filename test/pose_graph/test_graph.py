@@ -72,8 +72,8 @@ def solve(graph: PoseGraph, *closures: Closure) -> list[bool | None]:
 
 
 def error_m(graph: PoseGraph) -> float:
-    way = graph.corrected(graph.running)[:, :3, 3]
-    return float(np.abs(way - np.array(TRUE)[:, :3, 3]).max())
+    positions = graph.corrected(graph.running)[:, :3, 3]
+    return float(np.abs(positions - np.array(TRUE)[:, :3, 3]).max())
 
 
 def test_closures_take_the_drift_out_and_false_ones_are_refused():
@@ -87,8 +87,8 @@ def test_closures_take_the_drift_out_and_false_ones_are_refused():
     solve(alone, *RIGHT)
     assert with_false == pytest.approx(error_m(alone), abs=0.02)
     # The second lap lies on the first one, which drifts as far as odometry says it may.
-    way = graph.corrected(graph.running)[:, :3, 3]
-    assert np.linalg.norm(way[LAP + 1 :] - way[1 : LAP + 1], axis=1).max() < 0.5
+    positions = graph.corrected(graph.running)[:, :3, 3]
+    assert np.linalg.norm(positions[LAP + 1 :] - positions[1 : LAP + 1], axis=1).max() < 0.5
     assert graph.counts['refused'] == 3 and graph.counts['kept'] == len(RIGHT)
 
 
@@ -108,7 +108,7 @@ def test_the_correction_moves_the_newest_odometry_to_the_end_of_the_path():
     solve(graph, *RIGHT)
     end = graph.corrected(graph.running)[-1]
     assert np.allclose(graph.correction @ DRIFTED[-1], end)
-    # New keyframes extend the way without being solved.
+    # New keyframes extend the path without being solved.
     graph.add_odometry(stamp(len(TRUE)), DRIFTED[-1] @ pose(1.0))
     assert np.allclose(graph.corrected(graph.running)[-1], end @ pose(1.0))
 
@@ -123,8 +123,8 @@ def test_keyframes_between_nodes_are_corrected_by_interpolation(monkeypatch):
     coarse = driven(DRIFTED)
     solve(coarse, *RIGHT)
     assert len(exact.poses()) - 1 == len(DRIFTED) > 3 * len(coarse.poses())
-    ways = (graph.corrected(graph.running)[:, :3, 3] for graph in (coarse, exact))
-    assert np.abs(np.subtract(*ways)).max() < 0.2
+    positions = (graph.corrected(graph.running)[:, :3, 3] for graph in (coarse, exact))
+    assert np.abs(np.subtract(*positions)).max() < 0.2
 
 
 OTHERS = 'every', 'loose', 'patience_ns', 'most_poses'
@@ -137,8 +137,8 @@ def test_without_a_position_both_visits_are_near_each_other():
         graph, *(Closure(stamp(LAP + at), stamp(at), np.eye(4), SAME_PLACE) for at in steps)
     )
     assert all(kept)
-    way = graph.corrected(graph.running)[:, :3, 3]
-    assert np.linalg.norm(way[LAP + 1 :] - way[1 : LAP + 1], axis=1).max() < 2.0
+    positions = graph.corrected(graph.running)[:, :3, 3]
+    assert np.linalg.norm(positions[LAP + 1 :] - positions[1 : LAP + 1], axis=1).max() < 2.0
 
 
 def test_odometry_with_a_growing_covariance_is_believed_accordingly():
@@ -165,8 +165,8 @@ def test_the_graph_continues_at_the_robots_position_after_an_odometry_reset():
     assert all(solve(graph, *right))
     end = graph.correction @ inverse(DRIFTED[100]) @ DRIFTED[-1]
     assert np.linalg.norm((inverse(end) @ graph.corrected(graph.running)[-1])[:3, 3]) < 1e-6
-    way = graph.corrected(graph.running)[:, :3, 3]
-    assert np.linalg.norm(way[-10:] - way[LAP - 9 : LAP + 1], axis=1).max() < 1.0
+    positions = graph.corrected(graph.running)[:, :3, 3]
+    assert np.linalg.norm(positions[-10:] - positions[LAP - 9 : LAP + 1], axis=1).max() < 1.0
 
 
 def test_a_gap_in_odometry_is_no_reset():

@@ -56,11 +56,11 @@ def noise(*shape, dtype=np.uint8):
 def mosaic(pattern, bgr):
     """Return what a sensor behind a mosaic of colour filters sees of a picture."""
     plane = {'B': 0, 'G': 1, 'R': 2}
-    seen = np.empty(bgr.shape[:2], np.uint8)
+    pixels = np.empty(bgr.shape[:2], np.uint8)
     for place, colour in enumerate(pattern):
         row, column = divmod(place, 2)
-        seen[row::2, column::2] = bgr[row::2, column::2, plane[colour]]
-    return seen
+        pixels[row::2, column::2] = bgr[row::2, column::2, plane[colour]]
+    return pixels
 
 
 @pytest.mark.parametrize('padding', [0, 5])

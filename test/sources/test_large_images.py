@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 SMALL = ReadingConfig(max_image_mpx=0.01)
-WAYS = {
+FORMATS = {
     'jpg': ('.jpg', []),
     'progressive': ('.jpg', [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]),
     'png': ('.png', []),
@@ -24,9 +24,9 @@ WAYS = {
 }
 
 
-def picture(way, height=100, width=120):
+def picture(name, height=100, width=120):
     gray = np.random.default_rng(3).integers(0, 256, (height, width, 3), np.uint8)
-    suffix, options = WAYS[way]
+    suffix, options = FORMATS[name]
     return cv2.imencode(suffix, gray, options)[1].tobytes()
 
 
@@ -48,9 +48,9 @@ def decoded(monkeypatch):
     return calls
 
 
-@pytest.mark.parametrize('way', WAYS)
-def test_a_picture_whose_header_declares_too_many_pixels_is_not_decoded(way, decoded):
-    data = picture(way)
+@pytest.mark.parametrize('name', FORMATS)
+def test_a_picture_whose_header_declares_too_many_pixels_is_not_decoded(name, decoded):
+    data = picture(name)
     assert declared_size(data).pixels == 12_000
     assert picture_pixels(data, ReadingConfig(max_image_mpx=0.012)).shape[:2] == (100, 120)
     decoded.clear()
