@@ -96,7 +96,7 @@ def test_an_empty_file_is_made_into_a_map_unless_there_must_be_one(path):
 
 
 @pytest.mark.parametrize('what', ['folder', 'file'])
-def test_where_nothing_can_be_written_is_said_at_the_start(path, what, monkeypatch):
+def test_a_read_only_map_or_folder_is_refused_at_the_start(path, what, monkeypatch):
     save_map(drawn(2), path)
     blocked = path if what == 'file' else path.parent
     monkeypatch.setattr(os, 'access', lambda one, _mode: os.fspath(one) != os.fspath(blocked))
@@ -104,7 +104,7 @@ def test_where_nothing_can_be_written_is_said_at_the_start(path, what, monkeypat
         own(path)
 
 
-def test_a_full_disk_is_reported_once_and_the_rest_is_written_when_there_is_room(path):
+def test_a_full_disk_is_reported_once_and_places_are_written_when_space_returns(path):
     autosave = grown(path, 1)
     reference_map, database = autosave.reference_map, autosave._writer._database
 
@@ -146,7 +146,7 @@ def test_a_second_writer_is_refused_at_the_start_and_the_first_loses_nothing(pat
     assert holds(path) == 6
 
 
-def test_an_owner_whose_lock_was_deleted_says_so_and_changes_nothing(path):
+def test_an_owner_whose_lock_was_deleted_raises_an_error_and_writes_nothing(path):
     first = own(path)
     path.with_name('map.db-lock').unlink()
     grown(path, 2).close()
@@ -217,7 +217,7 @@ def test_committed_places_are_in_the_file_itself_while_its_owner_lives(path, tmp
     owner.close()
 
 
-def test_who_reads_before_meanwhile_and_after_sees_all_that_is_there(path):
+def test_readers_see_all_committed_places_before_during_and_after_a_write(path):
     grown(path, 3).close()
     before = MapReader(path)
     owner = grown(path, 4)
@@ -246,7 +246,7 @@ def test_a_log_that_a_crash_left_is_read_and_the_file_is_not_changed(killed, is_
 
 
 @pytest.mark.parametrize('error', [sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY_CANTINIT])
-def test_where_the_memory_of_a_log_cannot_be_shared_a_copy_is_read(killed, monkeypatch, error):
+def test_a_log_without_shared_memory_is_read_from_a_copy(killed, monkeypatch, error):
     def number(database, statement):
         if database.mode == 'ro':
             failed = sqlite3.OperationalError('not shared')
@@ -265,7 +265,7 @@ def test_where_the_memory_of_a_log_cannot_be_shared_a_copy_is_read(killed, monke
 
 
 @pytest.mark.parametrize('is_shared', [True, False])
-def test_the_next_owner_goes_on_with_a_log_that_a_crash_left(killed, is_shared):
+def test_the_next_owner_continues_a_log_that_a_crash_left(killed, is_shared):
     shared = killed.with_name('map.db-shm')
     if not is_shared:  # as where programs share no memory
         shared.unlink()

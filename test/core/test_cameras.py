@@ -70,7 +70,7 @@ def test_each_camera_answers_from_its_own_past(reference_map, way_back):
     assert [one and one.reference_index for one in rear] == list(range(21, 11, -1))
 
 
-def test_the_robot_is_where_the_surest_camera_is(reference_map, way_back):
+def test_the_most_confident_camera_localises_the_robot(reference_map, way_back):
     cameras = Cameras(reference_map, OWN, [FRONT, REAR])
     last = [cameras.process(frame) for frame in way_back][-2:]
     assert [match.camera for match in last] == [FRONT, REAR]
@@ -121,7 +121,7 @@ def test_settings_reach_every_camera(reference_map):
         assert config.acceptance.min_confidence == 0.7 and config.robot.mount[0] == x_m
 
 
-def test_a_base_is_where_both_cameras_are_at_one_place():
+def test_the_base_between_cameras_brings_one_mount_onto_the_other():
     front, rear = (
         replace(LENS, mount=of_roll_pitch_yaw((x_m, 0.0, 1.0), 0.0, 0.0, yaw))
         for x_m, yaw in ((1.0, 0.0), (-0.5, math.pi))
@@ -133,6 +133,6 @@ def test_a_base_is_where_both_cameras_are_at_one_place():
 
 
 @pytest.mark.parametrize('said', ['1 2 3', '0 0 0 0 0 0;', '0 0 0 0 0 0; a b c d e f'])
-def test_where_cameras_are_is_six_numbers_each(said):
+def test_camera_to_base_needs_six_numbers_for_each_camera(said):
     with pytest.raises(ConfigError, match=r'camera_to_base: .*semicolon'):
         RobotConfig(camera_to_base=said)

@@ -41,9 +41,7 @@ def cosines(references, query):
     return references @ query / (np.linalg.norm(references, axis=1) * np.linalg.norm(query))
 
 
-def test_scores_are_the_cosines_of_what_is_unusual_in_the_map_and_on_the_drive(
-    reference_map, described
-):
+def test_scores_are_cosines_of_descriptors_whitened_by_map_and_drive(reference_map, described):
     coarse = CoarseScores(reference_map)
     queries = [described(place, 1) for place in (5, 6, 7)]
     rows = [row_of(coarse, query) for query in queries]
@@ -72,7 +70,7 @@ def test_a_map_that_grows_is_scored_as_far_as_it_goes(reference_map, described):
     assert 52 in coarse.best(3, 0)
 
 
-def test_scores_are_relative_to_the_usual_view_of_a_session(described):
+def test_scores_are_relative_to_the_mean_view_of_a_session(described):
     rng, numbers = np.random.default_rng(0), ReferenceMap().global_descriptors.shape[1]
     town, park = rng.normal(0.0, 0.1, (300, numbers)), rng.normal(0.5, 0.1, (40, numbers))
     made, packed = ReferenceMap(), pack_cells(described(0).cells)

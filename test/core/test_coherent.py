@@ -180,7 +180,7 @@ def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
         assert 0 <= score <= 1
 
 
-def test_what_all_images_have_in_common_no_longer_lifts_the_wrong_places():
+def test_subtracting_the_background_lowers_the_scores_of_wrong_places():
     reference_map = map_of(*(drawn(seed, 0.6) for seed in range(40)))
     query, found = described(drawn(7, 0.55)), {}
     for subtracts in (True, False):
@@ -193,7 +193,7 @@ def test_what_all_images_have_in_common_no_longer_lifts_the_wrong_places():
     assert found[True][1] < found[False][1] / 3
 
 
-def test_it_is_the_cosine_transform_of_the_leading_axes():
+def test_the_global_descriptor_is_the_cosine_transform_of_the_leading_axes():
     cells = describe(texture(0)).cells
     image = projected_regions(cells).reshape(30, 30, 32)
     found = global_descriptor(cells)
@@ -242,7 +242,7 @@ def test_an_image_that_moved_a_few_blocks_to_the_side_is_still_alike(right):
     assert found == pytest.approx(left, abs=0.05) and found > other + 0.4
 
 
-def test_what_shows_nothing_is_like_nothing():
+def test_an_image_without_gradients_is_similar_to_none():
     assert alike(np.zeros((900, 32), np.float32), drawn_regions(1))[0] == 0
 
 
@@ -316,7 +316,7 @@ def test_the_background_of_a_map_is_the_mean_of_its_references():
     assert background.of_map == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_small_map_has_no_background_and_a_growing_one_is_read_when_it_has_doubled():
+def test_a_background_needs_20_places_and_is_updated_when_the_map_doubles():
     reference_map = drawn_map(19)
     background, updated = Background(reference_map, same, projected_regions), []
     assert not background.update_map() and background.of_map is None

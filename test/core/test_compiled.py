@@ -41,7 +41,7 @@ def test_without_a_library_the_remedy_is_reported(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize('content', [ARM, X86, b'', b'not a library'])
-def test_a_library_that_cannot_be_loaded_is_one_line(tmp_path, monkeypatch, content):
+def test_a_library_that_cannot_be_loaded_is_reported_in_one_line(tmp_path, monkeypatch, content):
     (tmp_path / '_native.abi3.so').write_bytes(content)
     found = found_in(tmp_path, monkeypatch)
     assert found.variant == '' and str(tmp_path) in found.problem
@@ -86,7 +86,7 @@ def test_nothing_is_written_where_the_package_is_installed(tmp_path):
 
 
 @pytest.mark.parametrize('content', [ARM, b''])
-def test_of_several_libraries_one_that_can_be_loaded_is_taken(tmp_path, monkeypatch, content):
+def test_the_library_that_can_be_loaded_is_taken_of_several(tmp_path, monkeypatch, content):
     needs_library()
     (built,) = compiled._FOLDER.glob('_native*.so')
     (tmp_path / '_native.0.so').write_bytes(content)
@@ -123,7 +123,7 @@ def test_kernels_whose_probe_fails_are_not_used(monkeypatch):
     assert 'this processor has numpy' in asked.problem
 
 
-def test_a_signal_while_an_argument_is_looked_at_is_no_wrong_argument():
+def test_a_signal_during_an_argument_check_is_no_wrong_argument():
     needs_library()
 
     class Interrupted:
@@ -139,7 +139,7 @@ def test_a_signal_while_an_argument_is_looked_at_is_no_wrong_argument():
 
 
 @pytest.mark.parametrize(('kernel', 'said'), [('auto', 'install gcc'), ('numpy', '')])
-def test_a_slow_pipeline_says_why_unless_it_was_asked_for(monkeypatch, kernel, said):
+def test_a_slow_pipeline_gives_the_reason_unless_the_kernel_was_chosen(monkeypatch, kernel, said):
     monkeypatch.setattr(pipeline, 'slow_path', lambda: 'no compiled kernels: install gcc')
     made = pipeline.Pipeline(None, make_config({'mode': 'online', 'kernel': kernel}))
     assert made.slow == (f'no compiled kernels: {said}' if said else '')

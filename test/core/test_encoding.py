@@ -219,7 +219,7 @@ def test_hidden_parts_of_an_image_do_not_change_its_descriptor(image, mask):
 
 
 @pytest.mark.parametrize('kind', ['black', 'absent', 'text', 'pipe', 'bomb', 'folder'])
-def test_a_mask_that_shows_nothing_is_refused_in_one_line(tmp_path, kind):
+def test_an_invalid_mask_is_refused_in_one_line(tmp_path, kind):
     path = tmp_path / 'mask.png'
     if kind == 'black':
         cv2.imwrite(str(path), np.zeros((48, 64), np.uint8))

@@ -46,7 +46,7 @@ def test_the_nearer_neighbour_counts_and_a_stop_is_passed_over():
     assert sigmas(estimate_pose(along(pose(7)), 0))[0] == 0
 
 
-def test_neighbours_that_score_nearly_as_well_spread_it():
+def test_neighbours_that_score_nearly_as_well_widen_the_covariance():
     # Places 1, 2 and 3 cannot be told apart: offsets of -6, 0 and 6 m.
     row = np.array([0.1, 0.47, 0.5, 0.46, 0.44], np.float32)
     variance = estimate_pose(EAST, 2, row=row).covariance[0, 0]
@@ -65,7 +65,7 @@ def test_in_a_bend_doubt_between_places_is_doubt_about_the_heading():
     assert sigmas(estimate)[3:5] == pytest.approx([0.1, 0.1])
 
 
-def test_an_error_of_the_maps_heading_moves_a_pose_that_is_away_from_its_place():
+def test_a_heading_error_of_the_map_grows_a_distant_poses_position_error():
     relative = RelativePose((0.0, 0.0, 0.0, 1.0), (10.0, 0.0, 0.0), None, np.eye(6) * 1e-4, 50)
     estimate = in_inexact_map(EAST, 2, relative=relative)
     # 10 m ahead of the place, 0.1 rad of its heading are 1 m across.
@@ -95,7 +95,7 @@ positions = strategies.tuples(*[strategies.floats(-1e3, 1e3)] * 3)
 
 
 @given(strategies.lists(positions, min_size=1, max_size=6), strategies.data())
-def test_it_is_never_more_certain_than_the_map(points, data):
+def test_a_pose_is_never_more_certain_than_the_map(points, data):
     places = along(*(Pose(point, (0.0, 0.0, 0.0, 1.0)) for point in points))
     index = data.draw(strategies.integers(0, len(places) - 1))
     row = np.array(

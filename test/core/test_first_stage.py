@@ -71,7 +71,7 @@ def accepted(matches):
     return [one.accepted.reference_index for one in matches if one.accepted]
 
 
-def test_a_function_finds_places_as_what_is_built_in_does_and_geometry_goes_on(frames):
+def test_a_callable_descriptor_finds_places_and_geometry_verifies_them(frames):
     built = build_map(frames(), None, CONFIG, describe=small)
     assert built.global_descriptors.shape == (COUNT, 48)
     matches = answers(PlaceRecognizer(built, CONFIG, describe=small), frames(1))
@@ -168,7 +168,7 @@ def test_by_descriptors_alone_maps_have_no_cells_and_matches_no_confidence(frame
         Pipeline(path, online, describe=small)
 
 
-def test_the_bytes_of_a_place(described, tmp_path):
+def test_a_vector_of_512_numbers_costs_little_more_than_1_kb_a_place(described, tmp_path):
     # Files have pages of 16 kB, so that it takes many places to see what one takes.
     vector, sizes = np.full(512, 0.04, np.float16), {}
     for name, model, keeps_cells in (
@@ -217,7 +217,7 @@ def test_vectors_of_another_length_than_the_maps_are_refused(frames):
         recognizer.process(frames()[0])
 
 
-def test_colour_reaches_who_wants_it_upright_and_masked(image):
+def test_colour_reaches_a_callable_that_wants_it_upright_and_masked(image):
     mask = np.full((60, 80), 255, np.uint8)
     mask[:, :40] = 0
     encoding = replace(CONFIG.encoding, image_rotation_deg=180)
@@ -236,7 +236,7 @@ def test_colour_reaches_who_wants_it_upright_and_masked(image):
     assert reddish.seen[-1].shape == (120, 160)
 
 
-def test_a_map_says_what_made_it_only_where_it_is_not_built_in(frames, tmp_path):
+def test_a_map_names_its_descriptor_model_unless_it_is_built_in(frames, tmp_path):
     for name, describe in (('plain', None), ('model', small)):
         build_map(frames(count=3), tmp_path / name, CONFIG, describe=describe)
     assert 'descriptor_model' not in MapReader(tmp_path / 'plain').about()['encoding']
@@ -244,7 +244,7 @@ def test_a_map_says_what_made_it_only_where_it_is_not_built_in(frames, tmp_path)
 
 
 @pytest.mark.parametrize('forged', ['"/etc/net.onnx"', '7', '"#x", "keeps_cells": "no"'])
-def test_what_a_stranger_wrote_into_a_map_names_no_file(frames, tmp_path, forged):
+def test_a_forged_model_name_in_a_map_is_refused_as_damage(frames, tmp_path, forged):
     path = tmp_path / 'map.db'
     build_map(frames(count=3), path, CONFIG)
     with sqlite3.connect(path) as database:

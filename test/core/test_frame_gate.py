@@ -147,9 +147,7 @@ def view(shift_px=0, noise=0.0, seed=0):
         ({'stationary_overlap': 1.0}, [view()] * 3, [False] * 3),
     ],
 )
-def test_the_same_view_with_noise_is_a_standstill_where_images_are_asked(
-    settings, frames, expected
-):
+def test_the_same_view_with_noise_is_a_standstill_if_images_decide(settings, frames, expected):
     still = watching(**settings)
     assert [still.check(one, None) for one in frames] == expected
 
@@ -170,7 +168,7 @@ def test_odometry_is_compared_with_the_last_that_moved():
     assert held == [False, True, True, False, True, True, False, True]
 
 
-def test_without_a_distance_odometry_is_not_asked():
+def test_without_a_standstill_distance_images_decide_and_odometry_does_not():
     still = watching(stationary_m=0.0)
     assert not still.check(view(), at(0.0))
     assert still.check(view(), at(9.0)) and not still.check(view(shift_px=18), at(9.0))

@@ -86,7 +86,7 @@ def test_regions_are_kept_to_half_a_step_and_what_is_no_number_is_zero(kernel):
 
 
 @each
-def test_half_a_cell_is_reported(kernel):
+def test_displacements_have_a_resolution_below_half_a_cell(kernel):
     query, reference = view(scene(3)), view(scene(3), 15.5, 14.75)
     found = kernel.displacements(query, reference, (0, 0))
     assert np.median(found[:, 2]) == pytest.approx(-0.5, abs=0.1)
@@ -150,7 +150,7 @@ def test_the_same_scene_is_verified_and_another_is_not():
 
 
 @pytest.mark.parametrize('value', [0.0, np.nan, np.inf])
-def test_what_shows_nothing_verifies_nothing(value):
+def test_an_image_without_gradients_or_with_invalid_values_verifies_nothing(value):
     nothing = packed_regions(np.full((SIDE**2, 32), value, np.float32))
     for pair in ((nothing, nothing), (view(scene(1)), nothing), (nothing, view(scene(1)))):
         with np.errstate(invalid='ignore'):

@@ -60,7 +60,7 @@ def refusal(function, *args, **kwargs):
         'ALTER TABLE pictures ADD COLUMN own INTEGER DEFAULT 7',
     ],
 )
-def test_what_does_not_belong_in_a_map_is_refused_before_it_is_used(path, statement):
+def test_a_map_with_foreign_tables_or_triggers_is_refused_before_it_is_used(path, statement):
     change(path, statement)
     before = path.read_bytes()
     said = refusal(open_map, path)
@@ -134,7 +134,7 @@ def test_cells_that_are_not_finite_are_found_when_they_are_read(path, number):
 
 
 @pytest.mark.parametrize('number', [-0.0, np.nan, np.inf, 1e300])
-def test_a_pose_of_odometry_whatever_it_is_leaves_a_map_that_opens(tmp_path, number):
+def test_a_map_opens_with_any_odometry_pose_and_leaves_invalid_ones_out(tmp_path, number):
     reference_map, path = drawn(2), tmp_path / 'map.db'
     for numbers in ((number, 0, 0, 0, 0, 0, 1), (0, 0, 0, 0, 0, number, 1)):
         pose = Pose(numbers[:3], numbers[3:])
@@ -218,7 +218,7 @@ def crashed(path):
     return path
 
 
-def test_what_a_crash_left_is_mended(crashed):
+def test_a_journal_that_a_crash_left_is_rolled_back(crashed):
     opened = open_map(crashed)
     assert all((opened.packed(index) == cells(index)).all() for index in range(20))
     with MapWriter(crashed, ENCODING, APART, append=True) as writer:
@@ -276,7 +276,7 @@ def test_a_journal_that_names_other_files_deletes_none(crashed, tmp_path):
 
 
 @pytest.mark.parametrize('then', [lambda path: Autosave(path, ENCODING, APART).close(), unlink])
-def test_what_a_killed_program_left_of_a_map_that_it_saved_is_deleted(path, tmp_path, then):
+def test_a_part_that_a_killed_save_left_is_deleted(path, tmp_path, then):
     """Killed once before and once after something is in the part; what is others' stays."""
     for moment in ('__init__', 'commit'):
         if not os.fork():

@@ -46,7 +46,7 @@ def changed(whole, change, poses=True):
 
 
 @pytest.mark.parametrize('index', [9, 11, 12])
-def test_kept_images_tell_the_pose_to_centimetres(street, whole, index):
+def test_kept_images_give_the_pose_to_5_cm(street, whole, index):
     query = street[1][9]
     pose = measured(whole, query, index)
     metres, radians = off(pose, query, whole.places[index])
@@ -58,7 +58,7 @@ def test_kept_images_tell_the_pose_to_centimetres(street, whole, index):
     )
 
 
-def test_where_keypoints_do_not_agree_cells_answer(street, whole):
+def test_cells_give_the_pose_where_keypoints_do_not_agree(street, whole):
     """Each fallback is the very answer of a map without images."""
     query = street[1][9]
     plain = measured(changed(whole, lambda *_: None), query, 11)
@@ -135,7 +135,7 @@ def blind(frames, change=lambda depth_m: depth_m):
 
 
 @pytest.mark.parametrize('index', [9, 10, 11])
-def test_depth_tells_metres_without_odometry(deep_street, index):
+def test_depth_images_give_metres_without_odometry(deep_street, index):
     query = deep_street[1][8]
     pose = measured(build_map(blind(deep_street[0]), None, EVERY), query, index)
     assert off(pose, query, deep_street[0][index])[0] < 0.3

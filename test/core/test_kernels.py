@@ -226,7 +226,7 @@ def variant(request):
 
 
 @pytest.mark.once
-def test_kernels_of_the_kind_asked_for_find_the_same_to_the_last_bit(variant):
+def test_kernels_of_every_instruction_set_give_identical_bits(variant):
     best = next(each for each in VARIANTS if has(each))
     (kind, *found), (_, *expected) = (
         in_process(ENCODE_AND_SCORE, CONVSEQ_KERNELS=each) for each in (variant, best)

@@ -63,7 +63,7 @@ def by_hand(*bits, shares=None):
         drawn(1, (8000, 640))[:400],  # of 320 x 16 px there is only border
     ],
 )
-def test_where_there_is_nothing_to_see_there_are_none(gray):
+def test_a_blank_or_tiny_image_has_no_keypoints(gray):
     found = detect(gray, ALL, 300)
     assert found.shape == (0, 34) and found.dtype == np.uint8
 
@@ -76,7 +76,7 @@ def test_images_of_any_size_have_keypoints_everywhere(size):
     assert np.ptp(found[:, 0]) > 128 and np.ptp(found[:, 1]) > 64  # of 256
 
 
-def test_at_most_so_many_the_strongest_and_none_if_none_are_asked_for():
+def test_the_strongest_keypoints_are_kept_up_to_the_limit():
     many, few = detect(drawn(3), ALL, 300), detect(drawn(3), ALL, 50)
     assert (len(many), len(few)) == (300, 50)
     assert {*map(bytes, few)} <= {*map(bytes, detect(drawn(3), ALL, 1000))}
@@ -287,7 +287,7 @@ def test_without_thumbnails_or_images_the_light_is_unknown(walled):
     assert KeypointWitness(walled, 0).difference(frames(1)[0], SHOWN, 12) == math.inf
 
 
-def test_a_map_that_grows_is_looked_at_again():
+def test_the_light_difference_is_updated_as_the_map_grows():
     grown = ReferenceMap(SMALL)
     dim, light = frames(2, 0.5), frames(12)
     witness, seen = KeypointWitness(grown, 300), describe(walls(1)[0], SMALL)
@@ -318,7 +318,7 @@ def test_without_keypoints_cells_decide_alone_and_nothing_else_changes():
         assert one.accepted.reference_index == other.accepted.reference_index
 
 
-def test_usual_leads_are_learned_from_matches_about_which_keypoints_were_asked(monkeypatch):
+def test_usual_leads_are_learned_only_from_matches_that_keypoints_verified(monkeypatch):
     learned = []  # of each match: whether its place is of the running drive
     monkeypatch.setattr(
         UsualLead, 'learn', lambda _self, _states, current: learned.append(current)
@@ -330,7 +330,7 @@ def test_usual_leads_are_learned_from_matches_about_which_keypoints_were_asked(m
 
 
 @pytest.mark.parametrize(('until', 'found'), [(0, False), (12, True)])
-def test_keypoints_that_never_agree_deny_a_place_and_those_that_no_longer_do_are_silent(
+def test_keypoints_that_never_agree_deny_matches_and_those_that_stop_do_not(
     monkeypatch, until, found
 ):
     known = build_map(frames(60), None, OWN)

@@ -215,7 +215,7 @@ def test_laps_are_linked_alike_in_one_session_and_in_three(tmp_path, image):
     assert len(late & (linked[0] ^ linked[1])) < 0.1 * len(late)
 
 
-def test_merging_links_maps_to_one_another_unless_told_otherwise(tmp_path, image):
+def test_merging_links_maps_to_one_another_unless_no_links_is_given(tmp_path, image):
     paths = [str(tmp_path / f'{number}.db') for number in range(2)]
     for number, one in enumerate(paths):
         build_map(laps(image, 300 * number)[:LAP], one, config())

@@ -57,7 +57,7 @@ def test_cells_of_another_size_are_refused():
         ReferenceMap().add(Place(0), cells(0))
 
 
-def test_what_was_saved_is_opened_again(map_path):
+def test_a_saved_map_is_opened_unchanged(map_path):
     assert same(open_map(map_path, ENCODING), make())
 
 
@@ -117,7 +117,7 @@ def test_opening_does_not_change_the_file(map_path):
     assert list(map_path.parent.iterdir()) == [map_path]
 
 
-def test_the_file_says_what_made_it(map_path):
+def test_the_file_names_its_tool_and_settings(map_path):
     about = MapReader(map_path).about()
     settings = {'image_size_px': 64, 'resize': 'exact', 'image_mask': '', 'image_rotation_deg': 0}
     assert json.loads(about['encoding']) == settings
@@ -185,7 +185,7 @@ def test_a_lost_row_is_found(map_path, table, index):
 
 
 @pytest.mark.parametrize('count', [300, 40_000])
-def test_many_places_are_read_in_the_order_asked_for(map_path, count):
+def test_many_places_are_read_in_the_requested_order(map_path, count):
     whole, opened = make(), open_map(map_path)
     indices = np.random.default_rng(0).integers(0, 5, count).tolist()
     found = opened.packed_of(indices)

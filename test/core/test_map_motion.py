@@ -47,7 +47,7 @@ def test_a_place_at_the_very_distance_is_a_neighbour(a_map):
     assert names(MapMotion(a_map(8, step_m=1.8)).neighbours(0)) == [1, 2]
 
 
-def test_the_motion_to_a_place_tells_where_this_one_is_seen_from_there(motion):
+def test_the_motion_to_a_neighbour_is_this_places_pose_in_the_neighbours_frame(motion):
     ((_, back), (_, on)) = motion.neighbours(5)
     assert back == pytest.approx(motion.moved(5, 3)) and on == pytest.approx(motion.moved(5, 7))
     assert back[:3, 3] == pytest.approx([2, 0, 0]) and on[:3, 3] == pytest.approx([-2, 0, 0])
@@ -70,9 +70,7 @@ def test_places_that_look_elsewhere_are_no_neighbours(a_map):
         (30.0, 11),  # of this drive, and of the ten to either side
     ],
 )
-def test_a_pose_is_measured_from_the_place_that_is_nearer_by_a_third_of_a_metre(
-    motion, ahead_m, expected
-):
+def test_a_place_replaces_the_match_only_if_nearer_by_30_cm(motion, ahead_m, expected):
     assert motion.nearest(5, pose(ahead_m)) == expected
     assert motion.nearest(5, RelativePose((0.0, 0.0, 0.0, 1.0), None, None, np.eye(6), 0)) == 5
 

@@ -144,7 +144,7 @@ def test_exact_scores_are_those_of_the_definition(made, way):
         assert np.abs(matcher.scores_of([(query, np.arange(6))])[0] - expected).max() < 1e-6
 
 
-def test_only_coherent_matching_tells_the_shift(made, way):
+def test_only_coherent_matching_gives_the_shift(made, way):
     matcher = made(drawn_map(3))
     query = matcher.extract(drawn(1))
     assert matcher.shift(query, 1) == ((0.0, 0.0) if way == 'coherent' else None)

@@ -48,7 +48,7 @@ def sure(near, *apart):
     return [near.is_sure(edges(each)) for each in apart]
 
 
-def test_a_glance_is_the_same_in_a_dimmer_light_and_one_of_a_flat_image_says_nothing():
+def test_a_glance_is_invariant_to_brightness_and_a_flat_image_has_none():
     assert looking().shape == (2, GLANCE.height_px, GLANCE.width_px)
     assert np.linalg.norm(looking()) == pytest.approx(1, abs=1e-5)
     assert distance(looking(), looking(0.5)) < 0.1
@@ -71,7 +71,7 @@ def test_the_smallest_distance_of_three_keyframes_counts():
     assert sure(told(*short, *long, *long, *long), 0.59, 0.61) == [True, False]
 
 
-def test_what_was_predicted_teaches_nothing():
+def test_predicted_near_frames_do_not_change_the_near_distance():
     near = told(0.4, FAR)
     assert sure(near, *np.arange(0.005, 0.8, 0.01)) == [True] * 30 + [False] * 50
 
@@ -126,7 +126,9 @@ def keyframes(reasons):
     ('light', 'speed_mps', 'odometry'),
     [('day', 4.0, False), ('night', 1.0, False), ('night', 4.0, False), ('day', 4.0, True)],
 )
-def test_keyframes_are_those_that_the_scene_of_every_frame_tells(light, speed_mps, odometry):
+def test_glances_select_the_same_keyframes_as_descriptors_of_every_frame(
+    light, speed_mps, odometry
+):
     """A slow drive, a stop of a second with noise, and on: with and without glances."""
     moving, rng = drive(light, speed_mps), np.random.default_rng(1)
     still = [

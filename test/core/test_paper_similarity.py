@@ -46,7 +46,7 @@ SMALL = EncodingConfig(image_size_px=128)
 DRAWN = np.random.default_rng(0).integers(0, 256, (3, 128, 128), np.uint8)
 
 
-def test_a_rough_score_lies_on_the_side_of_the_limit_where_the_exact_one_does():
+def test_a_rough_score_and_the_exact_one_lie_on_one_side_of_the_limit():
     described = [describe(gray, SMALL) for gray in DRAWN]
     similarity = PaperSimilarity()
     pairs = [(one, other) for one in described for other in described]
@@ -75,7 +75,7 @@ def since(first, *others):
     return [overlap(other, first) for other in others]
 
 
-def test_it_is_the_coherent_score_with_normalised_cells():
+def test_scene_overlap_is_the_coherent_score_of_normalised_cells():
     one, other = view(noise=2), view(1.1, noise=2, seed=1)
     features = extract(other, 4.0, projected_regions(normalized(other.cells)))
     expected, _ = coherent_score(features, projected_regions(normalized(one.cells)))
@@ -88,7 +88,7 @@ def test_the_same_view_overlaps_and_it_gets_less_and_less_on_the_way():
     assert sorted(shares, reverse=True) == shares
 
 
-def test_above_a_share_is_what_its_exact_score_is():
+def test_overlap_exceeds_a_limit_exactly_where_its_exact_score_does():
     overlap = Overlap(0.5)
     first, others = view(noise=1), [view(scale, noise=1) for scale in (1.0, 1.1, 1.2)]
     for other in others:

@@ -37,7 +37,9 @@ def opened(tmp_path):
         ({'keypoints': 0}, {'acceptance_rule': 'margin'}, False),  # which does not use them
     ],
 )
-def test_a_map_without_keypoints_is_reported_in_one_line(opened, tmp_path, kept, used, is_told):
+def test_a_map_without_keypoints_is_reported_if_keypoints_are_needed(
+    opened, tmp_path, kept, used, is_told
+):
     with opened(kept, used) as pipeline:
         told = [line for line in pipeline.ignored if 'keypoints' in line]
     line = (

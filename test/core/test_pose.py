@@ -40,7 +40,7 @@ def made(street):
 
 
 @pytest.mark.parametrize('index', [9, 11, 12])
-def test_a_drawn_street_tells_the_pose_in_metres(street, made, index):
+def test_a_drawn_street_gives_the_pose_in_metres(street, made, index):
     query = street[1][9]
     pose = made(query, index)
     metres, radians = off(pose, query, street[0][index])
@@ -61,7 +61,7 @@ def test_a_map_without_poses_gives_no_metres(street, made):
 
 
 @pytest.mark.parametrize('index', [9, 10, 13, 14])
-def test_whichever_place_is_recognised_the_pose_is_that_of_the_nearest(street, made, index):
+def test_the_pose_does_not_depend_on_which_near_place_is_recognised(street, made, index):
     def spot(index):
         pose = made(street[1][9], index)
         there = matrix(Pose(pose.position_m, pose.orientation))

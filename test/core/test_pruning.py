@@ -74,7 +74,7 @@ def test_a_long_drive_whose_rounds_differ_by_noise_alone_keeps_the_first():
     assert max(left) < most * lap + STRETCH.keyframes and len(left) >= most * ROUND
 
 
-def test_no_limit_a_high_one_and_a_map_without_links_lose_nothing():
+def test_pruning_removes_nothing_without_a_limit_or_without_links():
     whole = driven([0, 1, 0])
     assert Pruning(whole, 0).surplus == Pruning(whole, 3).surplus == []
     bare = ReferenceMap(ENCODING)
@@ -89,7 +89,7 @@ def test_no_limit_a_high_one_and_a_map_without_links_lose_nothing():
     st.lists(st.integers(1, 119), max_size=4),
     st.integers(1, 3),
 )
-def test_anchors_stay_whatever_the_links(drawn, starts, most):
+def test_pruning_keeps_anchors_for_any_links(drawn, starts, most):
     whole = ReferenceMap(ENCODING)
     rng = np.random.default_rng(0)
     for index in range(120):
@@ -114,7 +114,7 @@ def _beside(whole, place):
     return any(whole.links.anchor(one) != one for one in near)
 
 
-def test_a_file_loses_its_surplus_in_one_step_and_keeps_anchors_by_session_and_stamp(path):
+def test_pruning_a_file_removes_its_surplus_looks_once_and_keeps_anchors(path):
     whole = driven([0, 0, 1, 1, 0, 2, 1, 0, 2])
     save_map(whole, path)
     before = open_map(path)
@@ -155,7 +155,7 @@ def test_a_removal_that_fails_leaves_the_map_as_it_is(path, monkeypatch):
     ('reason', 'known'),
     [(Reason.ACCEPTED, 7), (Reason.COOL_DOWN, 7), (Reason.WEAK, None), (Reason.AMBIGUOUS, None)],
 )
-def test_known_is_what_was_accepted_however_low_its_confidence(reason, known):
+def test_an_accepted_place_is_known_at_any_confidence(reason, known):
     best = (Candidate(7, 1, 0.25),)
     assert recognised_place(Match(3, 1, reason, best, 2, confidence=0.5)) == known
     assert recognised_place(None) is None

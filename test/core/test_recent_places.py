@@ -80,7 +80,7 @@ def scenes(frames, config):
 
 
 @pytest.mark.parametrize('way', WAYS)
-def test_scenes_are_counted_as_the_default_spacing_selects_them_whatever_is_set(wall, way):
+def test_scenes_are_counted_by_the_default_spacing_at_any_keyframe_setting(wall, way):
     frames = along(wall, *WAYS[way])
     counted, keyframes = scenes(frames, ONLINE)
     assert counted == np.cumsum(keyframes).tolist()
@@ -126,6 +126,6 @@ def test_the_way_back_over_the_same_view_is_a_return(wall):
         assert abs(seen - (2 * len(there) - 1 - match.query_index)) <= 3
 
 
-def test_the_line_about_what_is_gone_tells_the_number():
+def test_the_messages_about_retired_exclusions_give_the_number_of_keyframes():
     for name in ('exclusion_s', 'exclusion_m'):
         assert f'the drive is {RECENT.keyframes} keyframes past them' in RETIRED[name]

@@ -36,7 +36,7 @@ def test_a_place_that_is_not_there_is_an_index_error(index):
         reference_map.packed_of([0, index])
 
 
-def test_whoever_reads_while_it_grows_finds_places_complete():
+def test_readers_of_a_growing_map_find_complete_places():
     reference_map, problems = ReferenceMap(ENCODING), []
     known = np.zeros(reference_map.global_descriptors.shape[1])
 
@@ -80,7 +80,7 @@ def test_whoever_reads_while_it_grows_finds_places_complete():
         ((1, 1), (128, 128)),
     ],
 )
-def test_a_thumbnail_is_as_wide_as_asked_and_never_high(shape, small):
+def test_a_thumbnail_has_the_given_width_and_a_bounded_height(shape, small):
     jpeg = np.frombuffer(thumbnail(np.full(shape, 90, np.uint8), 128), np.uint8)
     assert cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE).shape == small
 
@@ -174,7 +174,7 @@ def test_another_camera_follows_the_first_one_and_counts_no_scenes():
     assert follower.session_start == 7
 
 
-def test_a_frozen_map_grows_no_more_and_goes_on_counting():
+def test_a_frozen_map_adds_no_place_and_still_counts_scenes():
     mapping, reference_map, _ = grown(range(1, 24))
     mapping.freeze()
     mapping.follow(24)

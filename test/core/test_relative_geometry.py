@@ -133,7 +133,7 @@ def test_unrelated_displacements_are_aligned_with_nothing():
     assert align(few, Sight(chance, np.eye(4), SCALE)) is None
 
 
-def test_two_views_tell_the_turn_and_the_direction():
+def test_two_views_give_the_rotation_and_the_direction():
     ahead, inverse_m = scene()
     found = two_view(ahead[:, :2], seen(ahead, inverse_m, MOVED), SCALE)
     assert found.turned == pytest.approx(MOVED[:3, :3], abs=5e-3)

@@ -84,7 +84,7 @@ def test_the_second_and_third_round_are_recognised_and_linked(one_round, with_od
     assert len(in_metres) > 0.5 * len(linked) if with_odometry else not in_metres
 
 
-def test_odometry_that_begins_anew_in_mid_drive_costs_matches_and_makes_none_wrong(one_round):
+def test_an_odometry_restart_in_mid_drive_costs_matches_but_makes_none_wrong(one_round):
     shots, origin, half = [], one_round[ROUND // 2].pose.position, ROUND + ROUND // 2
     for index, frame in enumerate(rounds(one_round, 2)):
         pose = frame.pose
@@ -126,7 +126,7 @@ def states(recognizer, frames, odometry):
 
 
 @pytest.mark.parametrize('has_odometry', [True, False])
-def test_carried_away_it_is_found_again_within_four_frames(recognizer, has_odometry):
+def test_a_robot_that_was_carried_away_is_localised_within_four_frames(recognizer, has_odometry):
     recognizer.reset()
     how = {'light': 'evening', 'lane_offset_m': -0.5, 'seed': 4, 'num_frames': 9}
     frames = drawn(5, start_m=4.4, **how) + drawn(5, start_m=36.4, **how)
@@ -140,7 +140,7 @@ def test_carried_away_it_is_found_again_within_four_frames(recognizer, has_odome
     assert len(right) >= 10 and max(right) <= 3.0
 
 
-def test_outside_the_map_it_is_never_localised(recognizer):
+def test_a_robot_outside_the_map_is_never_localised(recognizer):
     recognizer.reset()
     elsewhere = drawn(77, start_m=20.4, num_frames=10, light='evening', seed=6)
     told = states(recognizer, elsewhere, [None] * 10)

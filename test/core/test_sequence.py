@@ -208,9 +208,7 @@ def test_frames_that_never_came_hold_their_places_and_more_than_five_empty_the_b
         ((0, 0), (5, 0), 1),
     ],
 )
-def test_an_image_is_new_as_far_as_its_cosine_with_the_last_falls_to_a_half(
-    first, second, expected
-):
+def test_novelty_grows_to_one_as_the_cosine_falls_to_one_half(first, second, expected):
     rows = [np.array([one], np.int8) for one in (second, first)]
     features = [SimpleNamespace(packed=SimpleNamespace(rows=one)) for one in rows]
     buffer = QueryBuffer(SimpleNamespace(extract=lambda _: features.pop()))

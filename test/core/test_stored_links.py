@@ -92,7 +92,7 @@ def test_impossible_links_are_left_out_and_reported_once(path, row, capsys):
     assert session.ignored[:1] == [opened.problem]
 
 
-def test_a_million_links_of_places_that_are_not_there_are_counted_in_one_line(path):
+def test_a_million_links_of_missing_places_are_counted_in_one_line(path):
     save_map(made(20, (12, 2)), path)
     with closing(sqlite3.connect(path)) as database, database:
         database.execute(
@@ -104,7 +104,7 @@ def test_a_million_links_of_places_that_are_not_there_are_counted_in_one_line(pa
     assert opened.problem == f'{path}: 1000000 links are damaged and left out; all the rest works'
 
 
-def test_a_flipped_bit_costs_one_link_and_a_damaged_page_all_and_the_map_still_grows(path):
+def test_a_damaged_row_costs_one_link_and_a_damaged_page_costs_all(path):
     save_map(made(20, (12, 2), (18, 3)), path)
     with closing(sqlite3.connect(path)) as database, database:
         database.execute('UPDATE links SET other = 1 WHERE place = 12')
@@ -129,7 +129,7 @@ def page_of_links(path):
     return (root - 1) * PAGE_BYTES
 
 
-def test_links_behind_one_whose_place_is_damaged_are_told(path):
+def test_links_after_a_damaged_one_are_left_out_and_counted(path):
     save_map(made(20, (12, 2), (14, 3), (18, 3)), path)
     content, page = bytearray(path.read_bytes()), page_of_links(path)
     row = page + int.from_bytes(content[page + 10 : page + 12], 'big')  # the second one
@@ -184,7 +184,7 @@ def test_editing_keeps_links_among_the_places_that_stay(path, tmp_path):
     assert [*left.links] == [(25, 6), (44, 5), (49, 29)] and left.is_linked
 
 
-def test_what_comes_from_another_map_is_still_to_be_looked_up(tmp_path):
+def test_places_merged_from_another_map_still_need_link_search(tmp_path):
     paths = [tmp_path / 'a.db', tmp_path / 'b.db']
     for one in paths:
         whole = made(20, (15, 3))

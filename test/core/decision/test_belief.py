@@ -59,7 +59,7 @@ def sure_of(belief, place):
     return belief
 
 
-def test_the_second_step_by_hand(a_map):
+def test_the_second_prediction_and_update_have_the_masses_worked_by_hand(a_map):
     belief = Belief(a_map(4), Driven(), UsualLead())
     first = updated(belief, np.log([1, 20, 1, 1])).mass
     belief.predict(4, 4)
@@ -82,7 +82,7 @@ def test_the_second_step_by_hand(a_map):
     assert left == pytest.approx((stays + copies.sum()) / total)
 
 
-def test_what_keypoints_say_moves_mass_between_true_places_and_copies(a_map):
+def test_keypoint_ratios_move_mass_between_true_places_and_copies(a_map):
     usual = UsualLead()
     usual.difference = 0.0
     belief = Belief(a_map(4), Driven(0.0), usual)
@@ -111,7 +111,7 @@ def test_a_place_without_mass_has_the_states_of_what_enters(a_map):
     assert belief.states_at(np.array([1, 3]), 2) == pytest.approx(expected)
 
 
-def test_a_lost_robot_is_in_the_map_of_an_earlier_drive_as_likely_as_not(a_map):
+def test_a_lost_robot_is_in_an_earlier_map_with_probability_one_half(a_map):
     def first_mass(count, earlier):
         return updated(
             Belief(a_map(count), Driven(), UsualLead()), np.zeros(count), earlier=earlier
@@ -147,7 +147,7 @@ def test_a_little_of_the_mass_takes_up_another_velocity(a_map):
     assert masses(belief, 20)[0][9] == pytest.approx(changed, rel=0.1)
 
 
-def test_a_robot_in_reverse_gear_is_followed_though_each_frame_shows_places_beside_as_well(a_map):
+def test_a_robot_in_reverse_gear_is_followed_though_neighbours_match_too(a_map):
     street = a_map(60)
     belief = Belief(street, MotionModel(street, both=False, way_error=0.1), UsualLead())
     for place in range(50, 10, -1):
@@ -157,7 +157,7 @@ def test_a_robot_in_reverse_gear_is_followed_though_each_frame_shows_places_besi
         assert abs(likeliest - place) <= (4 if place > 40 else 1)
 
 
-def test_the_likeliest_come_best_first_however_little_they_hold(a_map):
+def test_the_likeliest_places_come_in_order_of_mass(a_map):
     belief = Belief(a_map(6), Driven(), UsualLead())
     updated(belief, np.log([5, 450, 5, 300, 0.05, 5]))
     assert belief.likeliest(2) == [1, 3] and belief.likeliest(9) == [1, 3, 0, 2, 5, 4]
@@ -171,7 +171,7 @@ def test_mass_runs_off_the_end_of_a_session_and_of_what_may_be_matched(a_map):
         assert place + 1 not in belief.places
 
 
-def test_a_tenth_of_a_place_goes_on_from_its_looks(a_map):
+def test_a_tenth_of_a_places_mass_moves_on_from_its_looks(a_map):
     whole = a_map(30, 30)
     whole.links.add(45, 10)
     # 2 to 18 are looks of 45; it is one of all of them.
@@ -241,7 +241,7 @@ def driven(whole, steps, both, order=None, most=50.0, looked=0.6):
 
 @settings(max_examples=80)
 @given(LENGTHS, STEPS, st.booleans(), st.sampled_from([None, 1.0]), st.integers(0, 99))
-def test_mass_is_a_distribution_whatever_comes(a_map, lengths, steps, both, step_m, seed):
+def test_mass_stays_a_distribution_for_any_input(a_map, lengths, steps, both, step_m, seed):
     whole = a_map(*lengths, step_m=step_m)
     rng = np.random.default_rng(seed)
     for place in range(1, len(whole)):

@@ -103,7 +103,9 @@ def test_a_known_stretch_is_accepted_and_an_unknown_one_is_not(street, drive, co
 
 
 @both_searches
-def test_an_accepted_match_tells_all_that_is_known(street, drive, config):
+def test_an_accepted_match_has_confidence_score_inliers_length_and_localization(
+    street, drive, config
+):
     for match in drive(PlaceRecognizer(street, config), range(10, 30))[2:]:
         assert match.status is Status.ACCEPTED and 0.9 <= match.confidence <= 1
         assert 0 < match.best.score <= 1 and match.best.inliers > 50
@@ -126,7 +128,7 @@ def test_after_the_first_match_frames_are_compared_with_fewer_places(street, dri
 
 @both_searches
 @pytest.mark.parametrize(('here', 'there'), [(10, 40), (40, 5), (20, 33)])
-def test_from_the_fourth_keyframe_after_a_jump_nothing_of_the_old_place(
+def test_matches_are_right_from_the_fourth_keyframe_after_a_jump(
     street, drive, config, here, there
 ):
     ways = [*range(here, here + 12), *range(there, there + 12)]
@@ -135,7 +137,7 @@ def test_from_the_fourth_keyframe_after_a_jump_nothing_of_the_old_place(
     assert accepted(matches[15:]) == [*range(there + 3, there + 12)]
 
 
-def test_a_frame_that_cells_and_keypoints_deny_is_no_match_however_sure_the_belief_is(image):
+def test_a_frame_denied_by_cells_and_keypoints_is_rejected_despite_high_confidence(image):
     def frames(places, seed):
         return [Frame(at * STEP_NS, image(place, seed)) for at, place in enumerate(places)]
 
@@ -163,9 +165,7 @@ def test_a_place_that_the_map_holds_twice_is_accepted_once_its_looks_are_linked(
     assert [one is not None and one % 30 for one in found[3:]] == [*range(8, 25)]
 
 
-def test_of_the_looks_of_a_place_the_one_that_the_frame_shows_best_is_the_match(
-    described, map_of, drive
-):
+def test_the_look_most_similar_to_the_frame_is_the_match(described, map_of, drive):
     whole = map_of(range(30))
     for place in range(30):
         whole.add(Place(30 + place), pack_cells(described(place, 1).cells))
@@ -184,9 +184,7 @@ def test_frames_that_show_nothing_do_not_break_a_drive(street, drive):
 
 
 @pytest.mark.parametrize(('missing', 'is_known'), [(5, True), (6, False)])
-def test_after_more_than_five_frames_that_never_came_the_drive_begins_anew(
-    street, drive, missing, is_known
-):
+def test_more_than_five_missing_frames_restart_the_drive(street, drive, missing, is_known):
     recognizer = PlaceRecognizer(street, RESTLESS)
     drive(recognizer, range(10, 25))
     (match,) = drive(recognizer, [25 + missing], start=15 + missing)
@@ -214,7 +212,7 @@ def test_a_map_of_a_few_places_has_too_few_rivals(map_of, drive, places, session
         assert not any(np.isnan(one.score) for match in matches for one in match.candidates)
 
 
-def test_where_all_places_are_looks_of_one_there_is_none_to_compare_with(map_of, drive):
+def test_a_map_of_looks_of_one_place_accepts_no_match(map_of, drive):
     alike = map_of(range(16))
     for place in range(1, 16):
         alike.links.add(place, 0)
@@ -250,7 +248,7 @@ def test_odometry_that_jumps_resets_or_stops_counts_for_a_few_frames(posed, driv
     assert set(behind) <= ({0, 1, 2, 3} if stands else {0})
 
 
-def test_where_odometry_begins_anew_nothing_is_known_of_where_the_robot_is(posed, drive):
+def test_an_odometry_restart_makes_no_place_implausible(posed, drive):
     ways = [*range(10, 20), *range(1000, 1010), *range(40, 50)]  # the second part is in no map
     poses = [at(x) for x in (*range(10, 30), *range(5000, 5010))]
     matches = drive(PlaceRecognizer(posed, RESTLESS), ways, poses=poses)

@@ -46,14 +46,14 @@ def test_candidates_come_best_first_without_neighbours(a_map):
     assert buffer.asked == [(3, [*range(7)])]
 
 
-def test_no_more_candidates_than_asked_for_and_always_a_rival(a_map):
+def test_candidates_are_limited_in_number_and_always_include_a_rival(a_map):
     scores = np.linspace(0, 1, 50)
     assert len(decided(a_map, scores)[0].candidates) == 3
     one = replace(RULE, num_candidates=1)
     assert len(decided(a_map, scores, one)[0].candidates) == 2
 
 
-def test_neighbours_of_another_session_are_rivals_and_tell_theirs(a_map):
+def test_neighbours_of_another_session_are_rivals_and_name_their_session(a_map):
     scores = np.full(30, 0.1)
     scores[[9, 10, 12]] = 0.9, 0.8, 0.7
     said, _ = decided(a_map, scores, lengths=[10, 20])
@@ -85,7 +85,7 @@ def test_the_margin_to_the_best_rival_decides(a_map, scores, reason):
         (16, [30], Reason.WARMING_UP),
     ],
 )
-def test_where_no_sequence_ends_the_map_is_too_short_or_frames_are_too_few(
+def test_without_a_sequence_the_map_is_too_short_or_frames_are_too_few(
     a_map, length, lengths, reason
 ):
     said, _ = decided(a_map, [-np.inf] * 30, length=length, lengths=lengths)

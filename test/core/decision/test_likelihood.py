@@ -55,7 +55,7 @@ def bounded(value):
         ({'cells': 300.0, 'keypoints': 20.0, 'is_strongest': True}, 1e100),
     ],
 )
-def test_a_ratio_by_hand(evidence, expected):
+def test_likelihood_ratios_are_those_worked_by_hand(evidence, expected):
     assert ratio(**evidence) == pytest.approx(bounded(expected))
 
 
@@ -68,7 +68,7 @@ def test_the_bound_is_the_same_for_all_places_of_a_frame():
     assert third == 0 and fourth == pytest.approx(math.log(0.1))  # the bound denies no place
 
 
-def test_a_place_has_a_quarter_less_for_each_place_of_distance_from_a_better_one():
+def test_the_log_ratio_falls_by_a_quarter_per_place_from_a_better_one():
     apart = FAR.copy()
     apart[0, 1] = apart[1, 0] = 2
     cells, none = np.array([5.0, -1.0, -1.0, 5.0]), np.zeros(4)
@@ -79,7 +79,7 @@ def test_a_place_has_a_quarter_less_for_each_place_of_distance_from_a_better_one
 
 
 @pytest.mark.parametrize('weight', [0.0, 0.25, 1.0])
-def test_what_speaks_for_a_place_is_weighted_and_what_denies_one_is_not(weight):
+def test_only_evidence_for_a_place_is_weighted(weight):
     cells, none = np.array([3.0, -3.0, 0.0, 0.0]), np.zeros(4)
     whole, weighted = (
         Likelihood().log_ratios(Evidence(cells, none, FAR, np.zeros(4, bool), 0.0, 0.01, 1.0, one))

@@ -39,7 +39,7 @@ class Robot:
         return told.localization
 
 
-def test_it_begins_lost_and_says_why():
+def test_the_localizer_starts_lost_and_gives_the_reason():
     robot = Robot()
     assert robot.localizer.localization.state is LOST
     assert 'too few frames' in robot.localizer.localization.problem
@@ -56,7 +56,7 @@ def test_it_begins_lost_and_says_why():
     ('confidence', 'state'),
     [(0.0, LOST), (0.09, LOST), (0.1, CANDIDATE), (0.89, CANDIDATE), (0.9, LOCALISED)],
 )
-def test_who_was_lost_is_where_it_is_as_sure_as_a_match(confidence, state):
+def test_the_confidence_of_a_match_decides_the_state_of_a_lost_robot(confidence, state):
     told = Robot().sees(40, confidence)
     assert told.state is state
     assert told.reference_index == (None if state is LOST else 40)
@@ -65,7 +65,7 @@ def test_who_was_lost_is_where_it_is_as_sure_as_a_match(confidence, state):
 
 
 @pytest.mark.parametrize('reason', SILENT)
-def test_frames_that_say_nothing_change_nothing(reason):
+def test_frames_without_evidence_do_not_change_the_state(reason):
     robot = Robot()
     robot.sees(40)
     assert {robot.sees(None, None, reason).state for _ in range(40)} == {LOCALISED}
@@ -97,7 +97,7 @@ def test_by_the_margin_matches_count_and_quality_is_unknown():
         max_size=60,
     )
 )
-def test_whatever_is_seen_the_record_makes_sense(frames):
+def test_the_localization_record_is_consistent_for_any_input(frames):
     robot, before = Robot(known=200), LOST
     for reason, best, confidence in frames:
         told = robot.sees(best, confidence, reason)

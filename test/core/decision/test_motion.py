@@ -40,7 +40,7 @@ def test_one_drive_in_a_hundred_goes_backwards_and_with_both_directions_one_in_t
         assert model.prior[model.velocities < 0].sum() == pytest.approx(share)
 
 
-def test_odometry_moves_along_the_poses_of_the_map_whatever_the_velocity(a_map):
+def test_odometry_moves_places_along_the_maps_poses_at_any_velocity(a_map):
     velocities, found, sigmas = moved(a_map(30, step_m=2.0), 0, 5, both=True, places=(10, 20))
     expected = np.where(velocities < 0, [[7.5], [17.5]], [[12.5], [22.5]]).T
     assert found == pytest.approx(expected)
@@ -78,7 +78,7 @@ def test_odometry_that_goes_back_moves_back_and_the_other_way_round(a_map):
     st.booleans(),
     st.integers(0, 5),
 )
-def test_whatever_odometry_says_there_are_no_infinities(a_map, xs, step_m, both, missing):
+def test_the_motion_is_finite_for_any_odometry(a_map, xs, step_m, both, missing):
     street = a_map(1, 5, 12, step_m=step_m)
     _, found, sigmas = moved(street, *xs, places=range(18), both=both, missing=missing)
     assert np.isfinite(found).all() and np.isfinite(sigmas).all()

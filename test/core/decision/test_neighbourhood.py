@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 
 
-def test_near_are_the_places_beside_a_place_and_beside_its_looks(a_map):
+def test_places_beside_a_place_and_beside_its_looks_are_near(a_map):
     whole = a_map(40, 40)
     whole.links.add(60, 20)
     near = Neighbourhood(whole)
@@ -20,7 +20,7 @@ def test_near_are_the_places_beside_a_place_and_beside_its_looks(a_map):
     assert not near.is_near(60, 5, 3)
 
 
-def test_another_session_is_not_near_whatever_the_numbers(a_map):
+def test_places_of_another_session_are_never_near(a_map):
     near = Neighbourhood(a_map(10, 10))
     assert near.is_near(9, 8, 4) and not near.is_near(10, 9, 4)
     assert near.mask(np.arange(20), 10, 4).nonzero()[0].tolist() == [*range(10, 15)]
@@ -33,7 +33,9 @@ def test_another_session_is_not_near_whatever_the_numbers(a_map):
     st.integers(0, 12),
     st.integers(0, 119),
 )
-def test_a_mask_says_what_is_said_place_by_place(a_map, lengths, seed, distance, index):
+def test_the_mask_of_near_places_agrees_with_the_test_of_each_place(
+    a_map, lengths, seed, distance, index
+):
     whole, rng = a_map(*lengths), np.random.default_rng(seed)
     for place in range(1, len(whole)):
         if rng.random() < 0.4:

@@ -164,7 +164,7 @@ def test_a_place_that_the_belief_predicted_gains_less(a_map):
     assert looked(a_map(100), buffer, {60: 0.6})[1][30] == new  # somewhere else
 
 
-def test_keypoints_are_asked_about_the_strongest_places_apart_and_the_likeliest(a_map):
+def test_keypoints_verify_the_strongest_distinct_places_and_the_likeliest_one(a_map):
     told = Told({30: 60})
     buffer = Shown(scored(), {30: 100.0, 31: 90.0, 60: 80.0, 80: 70.0, 90: 60.0})
     seen, _ = looked(a_map(100), buffer, {50: 0.2}, told=told)
@@ -176,7 +176,7 @@ def test_keypoints_are_asked_about_the_strongest_places_apart_and_the_likeliest(
     assert said == pytest.approx(ratios_of(seen.asked[30].lead))
 
 
-def test_keypoints_are_not_asked_where_the_belief_is_sure_and_cells_agree(a_map):
+def test_keypoints_are_not_used_where_the_belief_is_sure_and_cells_agree(a_map):
     def asked(masses, strength):
         told = Told({})
         looked(a_map(100), Shown(scored(), {30: strength}), masses, told=told)
@@ -222,14 +222,14 @@ def test_a_place_without_keypoints_is_judged_by_cells(a_map):
     assert ratios[30] == ratio(a_map(100)) and ratios[50] == ratio(a_map(100), place=50)
 
 
-def test_two_places_that_keypoints_recognise_do_not_speak_against_each_other(a_map):
+def test_two_places_that_keypoints_recognise_do_not_deny_each_other(a_map):
     buffer = Shown(scored(), {30: 50.0, 60: 36.0})
     alone = looked(a_map(100), buffer, told=Told({30: 60}))[1]
     both = looked(a_map(100), buffer, told=Told({30: 60, 60: 64}))[1]
     assert both[30] == pytest.approx(alone[30], abs=0.1) and both[60] > alone[60] + 5
 
 
-def test_the_likeliest_place_is_asked_unless_one_beside_it_is(a_map):
+def test_keypoints_verify_the_likeliest_place_unless_one_beside_it_is_verified(a_map):
     def asked(likeliest):
         told = Told({30: 60, 33: 20})
         return looked(a_map(100), Shown(scored(), SHOWN), {likeliest: 0.2}, told=told)
@@ -273,7 +273,7 @@ def test_looks_are_no_rivals(a_map):
 
 
 @pytest.mark.parametrize('count', [1, 3, 12, 16])
-def test_without_enough_other_places_nothing_speaks_for_one(a_map, count):
+def test_without_enough_rivals_no_place_gains(a_map, count):
     scores = np.full(count, 0.05)
     scores[0] = 0.5
     told = Told({0: 200})
@@ -295,7 +295,7 @@ def test_the_first_frames_of_a_drive_are_compared_with_more_places(a_map):
     assert counts == [many] * COMPARED.first_frames + [10, many, 10]
 
 
-def test_of_many_listed_places_only_the_best_by_rough_scores_and_the_predicted_are_scored(a_map):
+def test_only_the_best_places_by_rough_score_and_predicted_ones_are_scored(a_map):
     buffer = Shown(scored(), SHOWN)
     comparer = Comparer(Listed(range(100), 100), buffer, Neighbourhood(a_map(100)), 40)
     comparer.compare(buffer, [])
@@ -306,19 +306,19 @@ def test_of_many_listed_places_only_the_best_by_rough_scores_and_the_predicted_a
     assert {30, *RIVALS} <= {*buffer.scored}
 
 
-def test_a_frame_without_scores_says_nothing(a_map):
+def test_a_frame_without_scores_gives_no_evidence(a_map):
     seen, ratios = looked(a_map(30), Shown(np.full(30, np.nan), {}), {3: 0.5})
     assert ratios == {3: 0.0} and not seen.has_rivals
 
 
-def test_a_frame_without_features_says_nothing(a_map):
+def test_a_frame_without_features_gives_no_evidence(a_map):
     blank = Shown(scored(), SHOWN)
     blank.newest.features = None
     seen, ratios = looked(a_map(100), blank, {3: 0.5})
     assert ratios == {3: 0.0} and not seen.has_rivals and not seen.verified
 
 
-def test_an_image_that_shows_the_same_again_speaks_for_no_place_again(a_map):
+def test_a_repeated_image_adds_no_evidence(a_map):
     new, again = Shown(scored(), SHOWN), Shown(scored(), SHOWN)
     again.novelty = 0.0
     first, second = (looked(a_map(100), frame)[1] for frame in (new, again))
@@ -327,7 +327,9 @@ def test_an_image_that_shows_the_same_again_speaks_for_no_place_again(a_map):
 
 
 @pytest.mark.parametrize(('entropy', 'share'), [(0.0, 0.0), (0.125, 0.25), (0.5, 1.0), (0.8, 1.0)])
-def test_an_image_below_the_threshold_of_entropy_says_less_for_places(a_map, entropy, share):
+def test_an_image_below_the_entropy_threshold_gives_less_evidence_for_places(
+    a_map, entropy, share
+):
     whole, less = (
         looked(a_map(100), Shown(scored(), SHOWN, entropy=bits))[1] for bits in (1.0, entropy)
     )
@@ -354,7 +356,7 @@ def test_without_a_threshold_of_entropy_all_images_count_alike(a_map):
     st.integers(0, 60),
     st.sampled_from([0.0, 0.3, math.inf]),
 )
-def test_whatever_is_shown_ratios_are_finite_and_in_bounds(
+def test_ratios_are_finite_and_bounded_for_any_input(
     a_map, count, seed, spread, most, step, start, difference
 ):
     rng = np.random.default_rng(seed)

@@ -30,7 +30,7 @@ def street(a_map):
     return a_map(700, step_m=1.0)
 
 
-def test_five_hundred_metres_away_is_denied_and_where_one_is_not(street):
+def test_a_place_500_m_away_is_implausible_and_the_true_one_is_not(street):
     prior = fixed(street, way=20)
     assert share(prior, 120) == 1 and share(prior, 620) < 1e-6 and share(prior, 20) < 1e-6
     slack_m = 2 * SLACK.places  # the places on both sides are 2 m apart
@@ -92,7 +92,7 @@ def test_without_odometry_or_poses_nothing_is_denied(a_map, street):
         assert share(prior, 620) == 1 and prior.implausible_m(620, NONE) is None
 
 
-def test_what_one_camera_is_sure_of_holds_for_the_other(street):
+def test_a_match_of_one_camera_denies_far_places_to_the_other(street):
     front, rear = (OdometryPrior(street, TENTH, False) for _ in range(2))
     rear.use_matches_of(front)
     for prior in (front, rear):
@@ -106,7 +106,7 @@ def test_what_one_camera_is_sure_of_holds_for_the_other(street):
 
 
 @pytest.mark.parametrize('xs', [(0, 1e12, 0), (0, 0, 0, 0), (5, -5, 1e100)])
-def test_whatever_odometry_says_shares_are_shares(street, xs):
+def test_entry_shares_lie_between_zero_and_one_for_any_odometry(street, xs):
     prior = OdometryPrior(street, TENTH, True)
     for second, x in enumerate(xs):
         prior.move(second, at(x))

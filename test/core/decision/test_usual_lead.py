@@ -49,7 +49,7 @@ def test_keypoints_of_a_place_lead_those_of_the_others_or_what_chance_gives():
 @pytest.mark.parametrize(
     ('difference', 'likeliest'), [(0.0, 6), (0.15, 4), (0.3, 2), (0.9, 0), (math.inf, 0)]
 )
-def test_less_is_usual_the_more_the_light_differs_but_not_on_the_running_drive(
+def test_the_expected_lead_falls_with_the_light_difference_except_on_the_running_drive(
     difference, likeliest
 ):
     usual = UsualLead()
@@ -86,7 +86,7 @@ def test_one_entering_mass_in_a_thousand_is_at_a_copy():
     assert shares[:-1, 1] == pytest.approx(0.999 * first(0))  # of unknown light
 
 
-def test_a_tenth_takes_another_usual_lead_and_some_copies_end():
+def test_a_tenth_of_the_mass_changes_its_usual_lead_and_some_copies_end():
     usual = UsualLead()
     states = np.array([[0.5, 0, 0, 0, 0, 0.25]]).T
     moved = usual.moved(states, OURS, ENDING)[:, 0]
@@ -117,7 +117,7 @@ def test_silent_matches_do_not_teach_silence_as_a_copy_is_silent_too(difference)
     assert usual.probabilities(is_current=False)[0] <= 1.2 * at_first
 
 
-def test_however_many_matches_show_it_keypoints_may_fall_silent():
+def test_a_silent_lead_keeps_its_probability_after_a_thousand_matches():
     usual = UsualLead()
     for _ in range(1000):
         usual.learn(np.array([0.0, 0.0, 0.0, 0.9, 0.0]), is_current=True)
@@ -126,7 +126,7 @@ def test_however_many_matches_show_it_keypoints_may_fall_silent():
     assert learned.sum() == pytest.approx(1)
 
 
-def test_ratios_of_a_lead_by_hand():
+def test_ratios_of_a_lead_are_those_worked_by_hand():
     assert ratios_of(0.0) == pytest.approx(
         [1, *(math.exp(-(one**2) / 5.12) for one in USUAL[1:]), 1]
     )
@@ -134,7 +134,7 @@ def test_ratios_of_a_lead_by_hand():
 
 
 @given(st.floats(-40, 40), st.floats(0, 2), st.floats(0, 1))
-def test_whatever_keypoints_show_a_copy_is_never_denied(lead, difference, share):
+def test_keypoints_never_deny_a_copy(lead, difference, share):
     usual = UsualLead()
     usual.difference = difference
     states = share * usual.entering(NEW)
