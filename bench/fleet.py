@@ -87,14 +87,14 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
         empty_mb = max(client.run(material.resident_mb).values())
         client.run(open_thin, first, each)
         started_s = time.monotonic()
-        session = Fleet(client, [first, *paths], Config(), 300.0)
+        fleet = Fleet(client, [first, *paths], Config(), 300.0)
         opened_s = time.monotonic() - started_s
         took_ms, right, accepted = [], 0, 0
         for index, gray in enumerate(material.read_queries(folder)):
             if index == WARM:
                 busy_s = client.run(time.process_time), time.process_time()
             start_s = time.perf_counter()
-            match = session.cameras.first.process(Frame(index * 10**8, gray))
+            match = fleet.cameras.first.process(Frame(index * 10**8, gray))
             took_ms.append(1e3 * (time.perf_counter() - start_s))
             if match.status is Status.ACCEPTED and match.best:
                 accepted += 1
@@ -103,7 +103,7 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
         count, here_s = len(took_ms) - WARM, time.process_time() - busy_s[1]
         workers_s = [now - busy_s[0][name] for name, now in client.run(time.process_time).items()]
         return {
-            'places': session.count,
+            'places': fleet.count,
             'maps': chosen.maps,
             'workers': chosen.workers,
             'opened_s': opened_s,

@@ -126,20 +126,20 @@ def of_round(_data: Path) -> None:
         for number in range(ROUNDS):
             random_light = np.random.default_rng(number).choice(LIGHTS)
             light = LIGHTS[number] if number < len(LIGHTS) else str(random_light)
-            session, verdicts = Pipeline(path, config), list[bool | None]()
+            pipeline, verdicts = Pipeline(path, config), list[bool | None]()
             for frame, pose in driven(route, number, light):
                 true[frame.stamp_ns] = pose
-                match = session.recognizer.process(frame)
-                session.save()
+                match = pipeline.recognizer.process(frame)
+                pipeline.save()
                 if match.reason in PASSED_OVER:
                     continue
                 there = match.accepted and true[match.accepted.reference_stamp_ns]
                 verdicts.append(away_m(there, pose) <= RIGHT_M if there else None)
-            session.close()
+            pipeline.close()
             places, later = len(open_map(path)), verdicts[BEGINNING:]
             first = first or places
             right = f'{later.count(True)} of {len(later)}'
-            grown = session.added, places, f'{places / first:.1f}'
+            grown = pipeline.added, places, f'{places / first:.1f}'
             row(number + 1, light, right, verdicts.count(False), *grown)
 
 

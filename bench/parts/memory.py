@@ -70,13 +70,13 @@ def use(path: Path, queries: Path) -> dict[str, float]:
     _, height, width = images.shape
     Pipeline(None, Config()).warm_up()
     before_mb, start_s = resident_mb(), time.perf_counter()
-    session = Pipeline(path, Config())
+    pipeline = Pipeline(path, Config())
     open_s = time.perf_counter() - start_s
-    session.warm_up()
+    pipeline.warm_up()
     for number in range(len(images)):
         begin = images.offset + number * height * width
         image = np.fromfile(queries, np.uint8, height * width, offset=begin)
-        session.recognizer.process(Frame(number * _PERIOD_NS, image.reshape(height, width)))
+        pipeline.recognizer.process(Frame(number * _PERIOD_NS, image.reshape(height, width)))
     return {'open_s': open_s, 'before_mb': before_mb, 'resident_mb': resident_mb()}
 
 

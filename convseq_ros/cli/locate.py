@@ -41,9 +41,9 @@ def run(chosen: argparse.Namespace) -> int:
     config = chosen_config(chosen)
     if config.online.mode != 'preloaded':
         raise ConfigError('mode: locate adds nothing to a map; leave it preloaded')
-    session = Pipeline(chosen.map, config, describe=open_model(config))
+    pipeline = Pipeline(chosen.map, config, describe=open_model(config))
     try:
-        recognizer = session.recognizer
+        recognizer = pipeline.recognizer
         frames = list(_frames(chosen.images, recognizer, chosen.camera_info))
         matches = [recognizer.process(frame) for frame in frames]
         pose = _pose(matches, recognizer)
@@ -51,7 +51,7 @@ def run(chosen: argparse.Namespace) -> int:
         if chosen.picture:
             _draw(chosen.picture, answer_picture(frames[-1], matches[-1], recognizer))
     finally:
-        session.close()
+        pipeline.close()
     print(json.dumps(answer) if chosen.json else _in_words(answer, pose))
     return 0
 

@@ -69,20 +69,20 @@ def run(chosen: argparse.Namespace) -> int:
     """Replay, write the table, and print a summary."""
     config, sources = chosen_config(chosen), chosen.topic.split()
     with tells_what_is_kept(chosen.map):
-        session = Pipeline(chosen.map, config, sources=sources, describe=open_model(config))
-        for line in session.ignored:
+        pipeline = Pipeline(chosen.map, config, sources=sources, describe=open_model(config))
+        for line in pipeline.ignored:
             warn(line)
-        with closing(session):
-            session.warm_up()
-            summary = replay_chosen(chosen, session.cameras, chosen.map, partial(_save, session))
+        with closing(pipeline):
+            pipeline.warm_up()
+            summary = replay_chosen(chosen, pipeline.cameras, chosen.map, partial(_save, pipeline))
     if chosen.json:
-        about = {'output': str(chosen.output), 'added': session.added, 'slow': session.slow}
+        about = {'output': str(chosen.output), 'added': pipeline.added, 'slow': pipeline.slow}
         print(json.dumps(about | summary))
     else:
-        if session.is_growing:
-            kept = session.autosave.committed
-            say(f'{chosen.map}: {session.added} references added, {kept} in all')
-        say(f'{chosen.output}: {in_words(summary, session.slow)}')
+        if pipeline.is_growing:
+            kept = pipeline.autosave.committed
+            say(f'{chosen.map}: {pipeline.added} references added, {kept} in all')
+        say(f'{chosen.output}: {in_words(summary, pipeline.slow)}')
     return 0
 
 
@@ -163,10 +163,10 @@ def opened(path: Path) -> Iterator[Listener]:
         yield write
 
 
-def _save(session: Pipeline) -> None:
+def _save(pipeline: Pipeline) -> None:
     """Write new places to the map; a full disk is a warning and does not end the replay."""
     try:
-        session.save()
+        pipeline.save()
     except MapError as error:
         warn(str(error))
 

@@ -53,7 +53,7 @@ class Situation:
 
     ready: bool  # False while it warms up
     enabled: bool  # False if frames are ignored on purpose
-    session: Pipeline  # the map in use and its file
+    pipeline: Pipeline  # the map in use and its file
     topic: str  # of the camera
     dropped: int  # frames pushed out of the queue
     odometry_heard: bool
@@ -64,7 +64,7 @@ class Situation:
 
     @property
     def map_size(self) -> int:
-        return len(self.session.recognizer.reference_map)
+        return len(self.pipeline.recognizer.reference_map)
 
 
 @dataclass(eq=False)
@@ -113,17 +113,17 @@ class Diagnostics:
         if not situation.ready:
             return DiagnosticStatus.OK, 'warming up'
         silence = self._silence(situation)
-        if not situation.map_size and not situation.session.is_growing:
+        if not situation.map_size and not situation.pipeline.is_growing:
             return DiagnosticStatus.ERROR, (
                 f'no map; call {self.node.get_fully_qualified_name()}/load_map or set map_path'
             )
         if not situation.enabled:
             return DiagnosticStatus.OK, 'disabled'
-        if situation.session.autosave.lost:
-            return DiagnosticStatus.ERROR, situation.session.autosave.lost
+        if situation.pipeline.autosave.lost:
+            return DiagnosticStatus.ERROR, situation.pipeline.autosave.lost
         if self._is_failing(situation):
             return DiagnosticStatus.ERROR, (
-                f'{situation.session.path}: new places cannot be written; see the log'
+                f'{situation.pipeline.path}: new places cannot be written; see the log'
             )
         if silence:
             return DiagnosticStatus.WARN, silence
@@ -138,20 +138,20 @@ class Diagnostics:
             if problem:
                 return DiagnosticStatus.WARN, problem
         if dropped_now:
-            model_ms = situation.session.recognizer.first_stage.duration_ms
+            model_ms = situation.pipeline.recognizer.first_stage.duration_ms
             by_model = f', of which the model takes {model_ms:.0f} ms' if model_ms else ''
             return DiagnosticStatus.WARN, (
                 f'{dropped_now} frames dropped: they come faster than they are processed'
                 f'{by_model}; have fewer sent, or a map of keyframes (keyframe_interval_s)'
             )
-        if problem := situation.session.recognizer.reference_map.unreadable_why:
+        if problem := situation.pipeline.recognizer.reference_map.unreadable_why:
             return DiagnosticStatus.WARN, f'{problem}; its poses are less exact'
-        if situation.session.keyframes_m and not situation.odometry_heard:
+        if situation.pipeline.keyframes_m and not situation.odometry_heard:
             return DiagnosticStatus.WARN, (
-                f'the map has a place every {situation.session.keyframes_m:g} m, but there is no '
+                f'the map has a place every {situation.pipeline.keyframes_m:g} m, but there is no '
                 'odometry to match frames as often; remap it: -r odom:=TOPIC'
             )
-        if situation.session.is_growing:
+        if situation.pipeline.is_growing:
             return DiagnosticStatus.OK, 'recognising places and adding to them'
         return DiagnosticStatus.OK, 'recognising places'
 
@@ -162,7 +162,7 @@ class Diagnostics:
     def _is_failing(self, situation: Situation) -> bool:
         """Return whether new places cannot be written to this map, or to the one before it."""
         before, self._write_failures = self._write_failures, self.statistics.write_failures
-        return self._write_failures > before or situation.session.autosave.is_failing
+        return self._write_failures > before or situation.pipeline.autosave.is_failing
 
     def _silence(self, situation: Situation) -> str:
         """Return why no images arrive, and log it when that begins; empty if they do."""
@@ -183,12 +183,12 @@ class Diagnostics:
 
 
 def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
-    match, session = statistics.last_match, situation.session
-    localization = session.cameras.localization
+    match, pipeline = statistics.last_match, situation.pipeline
+    localization = pipeline.cameras.localization
     state = 'enabled' if situation.enabled else 'disabled'
     values: dict[str, object] = {
         'state': state if situation.ready else 'warming_up',
-        'mode': session.recognizer.config.online.mode,
+        'mode': pipeline.recognizer.config.online.mode,
         'topic': situation.topic,
         'received': statistics.received,
         'processed': statistics.processed,
@@ -197,28 +197,28 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'failed': statistics.failed,
         'latency_ms': statistics.latency_ms,
         'duration_ms': statistics.duration_ms,
-        'kernel': session.kernel,
-        'model': session.recognizer.reference_map.encoding.descriptor_model,
-        'model_ms': session.recognizer.first_stage.duration_ms,
+        'kernel': pipeline.kernel,
+        'model': pipeline.recognizer.reference_map.encoding.descriptor_model,
+        'model_ms': pipeline.recognizer.first_stage.duration_ms,
         'last_reason': match.reason.value if match else '',
         'last_sequence_length': match.sequence_length if match else 0,
         'last_score': match.best.score if match and match.best else 0.0,
         'localization': localization.state.value,
         'localization_quality': '' if localization.quality is None else localization.quality,
-        'map_path': session.path or '',
+        'map_path': pipeline.path or '',
         'map_size': situation.map_size,
-        'kept_images_unreadable': session.recognizer.reference_map.unreadable,
+        'kept_images_unreadable': pipeline.recognizer.reference_map.unreadable,
         'odom': situation.odometry_heard,
         **situation.further,
     }
-    if session.is_growing:
+    if pipeline.is_growing:
         values |= {
-            'places_added': session.added,
-            'places_kept': session.autosave.committed,
+            'places_added': pipeline.added,
+            'places_kept': pipeline.autosave.committed,
             'map_write_failures': statistics.write_failures,
         }
-        if session.autosave.committed_s is not None:
-            values['since_last_commit_s'] = time.monotonic() - session.autosave.committed_s
+        if pipeline.autosave.committed_s is not None:
+            values['since_last_commit_s'] = time.monotonic() - pipeline.autosave.committed_s
     # A copy, because the worker's thread changes the original.
     counts = statistics.reasons.copy()
     return values | {f'reason_{reason}': counts[reason] for reason in sorted(counts)}

@@ -22,8 +22,8 @@ class MapLinking:
     done.
     """
 
-    def __init__(self, session: Pipeline, logger: Any) -> None:
-        self._session, self._logger, self._end = session, logger, Event()
+    def __init__(self, pipeline: Pipeline, logger: Any) -> None:
+        self._pipeline, self._logger, self._end = pipeline, logger, Event()
         self._thread = Thread(target=self._run, name='linking', daemon=True)
         self._thread.start()
 
@@ -40,7 +40,7 @@ class MapLinking:
             self._logger.error(f'linking: {with_traceback(error)}')
 
     def _link(self) -> None:
-        recognizer, path = self._session.recognizer, self._session.path
+        recognizer, path = self._pipeline.recognizer, self._pipeline.path
         reference_map = recognizer.reference_map
         if not (count := sum(map(len, not_linked(reference_map)))):
             return

@@ -38,14 +38,14 @@ class MapServices:
         node: Node,
         worker: Worker[Arrival],
         recognition: Recognition,
-        open_session: Callable[[Path, bool], Pipeline],
+        open_pipeline: Callable[[Path, bool], Pipeline],
         save_path: str,
     ) -> None:
         self.save_path = save_path
         self._logger = node.get_logger()
         self._worker = worker
         self._recognition = recognition
-        self._open_session = open_session
+        self._open_pipeline = open_pipeline
         self._background = Background()
         # A separate group, so that images and other services are served while a map is opened.
         group = MutuallyExclusiveCallbackGroup()
@@ -54,13 +54,13 @@ class MapServices:
         offer(Trigger, '~/save_map', self._on_save_map)
 
     def announce(self) -> None:
-        session = self._recognition.session
-        count = len(session.recognizer.reference_map)
-        if session.is_growing:
-            where = session.path or 'memory; what it holds is lost at the end, without a map_path'
+        pipeline = self._recognition.pipeline
+        count = len(pipeline.recognizer.reference_map)
+        if pipeline.is_growing:
+            where = pipeline.path or 'memory; what it holds is lost at the end, without a map_path'
             text = f'recognising {count} places and adding to them, in {where}'
         elif count:
-            text = f'recognising {count} places of {session.path}'
+            text = f'recognising {count} places of {pipeline.path}'
         else:
             text = 'no map yet; waiting for ~/load_map'
         self._logger.info(text)
@@ -76,12 +76,12 @@ class MapServices:
         try:
             if not path:
                 raise MapError('map_url is empty; give the path of a map')
-            session = await self._background.result_of(partial(self._open, Path(path)))
-            swap = partial(self._recognition.swap, session)
+            pipeline = await self._background.result_of(partial(self._open, Path(path)))
+            swap = partial(self._recognition.swap, pipeline)
             try:
                 await self._background.result_of(partial(self._between_frames, swap))
             except BaseException:
-                session.close()
+                pipeline.close()
                 raise
         except Exception as error:
             self._logger.error(f'load_map: {with_traceback(error)}')
@@ -97,18 +97,18 @@ class MapServices:
         return response
 
     def _open(self, path: Path) -> Pipeline:
-        present = self._recognition.session
+        present = self._recognition.pipeline
         if present.is_persisted and path.exists() and path.samefile(present.path or ''):
             raise MapError(f'{path}: is already the map in use, and grows; name another')
-        session = self._open_session(path, False)
-        for line in session.ignored:
+        pipeline = self._open_pipeline(path, False)
+        for line in pipeline.ignored:
             self._logger.warning(line)
         try:
-            session.warm_up()
+            pipeline.warm_up()
         except BaseException:
-            session.close()
+            pipeline.close()
             raise
-        return session
+        return pipeline
 
     async def _on_save_map(
         self, _request: Trigger.Request, response: Trigger.Response
@@ -124,19 +124,19 @@ class MapServices:
 
     def _save(self) -> str:
         """Save the map as it is now; return the path."""
-        session = self._recognition.session
-        if not len(session.recognizer.reference_map):
+        pipeline = self._recognition.pipeline
+        if not len(pipeline.recognizer.reference_map):
             raise MapError('there is no map to save; load one with ~/load_map')
         if self.save_path:
             target = Path(self.save_path)
-            if session.is_persisted and target.exists() and target.samefile(session.path or ''):
+            if pipeline.is_persisted and target.exists() and target.samefile(pipeline.path or ''):
                 raise MapError(f'{target}: is the map that is growing; leave save_map_path empty')
             _refuse_target(target)
-            save_map(session.recognizer.reference_map, target)
+            save_map(pipeline.recognizer.reference_map, target)
             return self.save_path
-        if session.is_persisted:
-            session.flush()
-            return str(session.path)
+        if pipeline.is_persisted:
+            pipeline.flush()
+            return str(pipeline.path)
         raise MapError('save_map_path is empty; set it to the file to write')
 
     def _between_frames(self, work: Callable[[], Result]) -> Result:

@@ -50,7 +50,7 @@ class Answered:
 class Recognition:
     """Answers frames one after another; neither a broken frame nor a full disk stops it."""
 
-    session: Pipeline  # the current one
+    pipeline: Pipeline  # the current one
     context: FrameContext
     results: ResultLog  # gets a row for every answer
     publish: Callable[[Answered], None]
@@ -61,7 +61,7 @@ class Recognition:
     _linking: MapLinking | None = None
 
     def __post_init__(self) -> None:
-        self.session.outlive_file()
+        self.pipeline.outlive_file()
         self._once = Once(self.logger)
 
     def handle(self, arrival: Arrival) -> None:
@@ -80,46 +80,46 @@ class Recognition:
                 self.statistics.failed += 1
                 self.logger.error(with_traceback(error), throttle_duration_sec=_LOG_PERIOD_S)
 
-    def swap(self, session: Pipeline) -> None:
-        """Replace the session, and so the map; additions of the old one are saved."""
-        session.cameras.configure(self.session.cameras.config)
+    def swap(self, pipeline: Pipeline) -> None:
+        """Replace the pipeline, and so the map; additions of the old one are saved."""
+        pipeline.cameras.configure(self.pipeline.cameras.config)
         self.close()
-        self.session, self.model_problem = session, ''
-        session.outlive_file()
+        self.pipeline, self.model_problem = pipeline, ''
+        pipeline.outlive_file()
         self.link()
 
-    def take_back(self, open_session: Callable[[Path | None], Pipeline]) -> int:
+    def take_back(self, open_pipeline: Callable[[Path | None], Pipeline]) -> int:
         """Start anew without the places added to the map since it was opened; return how many."""
-        session = self.session
-        if not (added := session.added):
-            session.cameras.reset()
+        pipeline = self.pipeline
+        if not (added := pipeline.added):
+            pipeline.cameras.reset()
             return 0
         if self._linking:
             self._linking.stop()
         try:
-            session.take_back()
+            pipeline.take_back()
         except (ConvseqError, OSError) as error:
             self._failed_to_write(error, f'; the map keeps {added} places of other topics')
             added = 0
         try:
-            self.session = open_session(session.path)
-            self.session.outlive_file()
-            self.session.warm_up()
+            self.pipeline = open_pipeline(pipeline.path)
+            self.pipeline.outlive_file()
+            self.pipeline.warm_up()
         except (ConvseqError, OSError) as error:
-            session.autosave.is_failing = True
+            pipeline.autosave.is_failing = True
             self._failed_to_write(error, '; no new places are kept')
         self.link()
         return added
 
     def link(self) -> None:
         """Link the map, if links are missing, while frames are answered."""
-        self._linking = MapLinking(self.session, self.logger)
+        self._linking = MapLinking(self.pipeline, self.logger)
 
     def close(self) -> None:
         if self._linking:
             self._linking.stop()
         try:
-            self.session.close()
+            self.pipeline.close()
         except (ConvseqError, OSError) as error:
             self._failed_to_write(error)
 
@@ -136,13 +136,13 @@ class Recognition:
         return frame, (time.perf_counter_ns() - start_ns) / 1e6
 
     def _answer(self, arrival: Arrival, frame: Frame, before_ms: float) -> None:
-        cameras = self.session.cameras
+        cameras = self.pipeline.cameras
         start_ns = time.perf_counter_ns()
         try:
             match = cameras.process(frame)
         except ModelError as error:
             self._drop_model(error)
-            cameras = self.session.cameras
+            cameras = self.pipeline.cameras
             match = cameras.process(frame)
         duration_ms = before_ms + (time.perf_counter_ns() - start_ns) / 1e6
         self._save()
@@ -158,29 +158,29 @@ class Recognition:
     def _drop_model(self, error: ModelError) -> None:
         """Use the built-in descriptor, and stop growing the map; raise the error if impossible."""
         self.model_problem = f'{error}; nothing is recognised'
-        session, config = self.session, self.session.cameras.config
-        if session.path is None or not config.encoding.keeps_cells:
+        pipeline, config = self.pipeline, self.pipeline.cameras.config
+        if pipeline.path is None or not config.encoding.keeps_cells:
             raise error
-        session.flush()
+        pipeline.flush()
         encoding = replace(config.encoding, descriptor_model='')
         online = replace(config.online, mode='preloaded')
         config = replace(config, encoding=encoding, online=online)
-        sources = [*session.cameras.recognizers]
-        self.swap(Pipeline(session.path, config, sources=sources))
+        sources = [*pipeline.cameras.recognizers]
+        self.swap(Pipeline(pipeline.path, config, sources=sources))
         self.model_problem = f'{error}; the built-in descriptor is used, and the map does not grow'
         self.logger.error(self.model_problem)
 
     def _save(self) -> None:
         """Write new places to the map's file; log and count a failure."""
         try:
-            self.session.save()
+            self.pipeline.save()
         except (ConvseqError, OSError) as error:
             self.statistics.write_failures += 1
             self.logger.error(one_line(error), throttle_duration_sec=_LOG_PERIOD_S)
 
     def _decode(self, arrival: Arrival) -> Frame:
         stamp_ns, topic = arrival.stamp_ns, arrival.topic
-        reading = self.session.recognizer.config.reading
+        reading = self.pipeline.recognizer.config.reading
         try:
             gray, color = gray_and_color(message_pixels(arrival.message, reading), reading)
         except ImageError as error:

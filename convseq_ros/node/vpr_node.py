@@ -89,11 +89,11 @@ class VprNode(ManagedNode):
         logger, config = self.get_logger(), self._node_config
         self._images = image_subscriptions(self, config, self._on_image)
         self._chosen = [it.topic for it in self._images] if config.image_topics else []
-        session = self._open_session(Path(config.map_path) if config.map_path else None)
-        opened.callback(session.close)
+        pipeline = self._open_pipeline(Path(config.map_path) if config.map_path else None)
+        opened.callback(pipeline.close)
         self._results = ResultLog(config.result_file, logger)
         opened.callback(self._results.close)
-        for line in session.ignored:
+        for line in pipeline.ignored:
             logger.warning(line)
         self._statistics, self._stamps = Statistics(), Stamps(self)
         self._frame_context = FrameContext(self, config, self._config.reading, self._chosen)
@@ -101,7 +101,7 @@ class VprNode(ManagedNode):
             self, config, lambda: self._frame_context.odometry.frame_id
         )
         self._recognition = Recognition(
-            session,
+            pipeline,
             self._frame_context,
             self._results,
             self._publish,
@@ -117,7 +117,7 @@ class VprNode(ManagedNode):
             at_end=self._recognition.close,
         )
         self._maps = MapServices(
-            self, self._worker, self._recognition, self._open_session, config.save_map_path
+            self, self._worker, self._recognition, self._open_pipeline, config.save_map_path
         )
         self.create_service(Trigger, '~/reset', self._on_reset, qos_profile=SERVICE_QOS)
         self.create_service(
@@ -171,20 +171,20 @@ class VprNode(ManagedNode):
     def _warm_up(self) -> None:
         """Prepare for the first frame, in the worker's thread."""
         start_s = time.monotonic()
-        session = self._recognition.session
+        pipeline = self._recognition.pipeline
         try:
-            session.warm_up()
+            pipeline.warm_up()
         except ConvseqError as error:
             self.get_logger().error(one_line(error))
         gc.freeze()  # all objects so far stay: the collector need not visit them again
         took_s = time.monotonic() - start_s
-        if session.slow:
-            self.get_logger().warning(session.slow)
-        self.get_logger().info(f'kernel {session.kernel}, ready after {took_s:.1f} s')
+        if pipeline.slow:
+            self.get_logger().warning(pipeline.slow)
+        self.get_logger().info(f'kernel {pipeline.kernel}, ready after {took_s:.1f} s')
         self._recognition.link()
         try:
             self._answers.map_topics.follow(
-                session.recognizer.reference_map, self._node_config.map_frame
+                pipeline.recognizer.reference_map, self._node_config.map_frame
             )
             self._warm.trigger()
         except Exception:
@@ -192,7 +192,7 @@ class VprNode(ManagedNode):
             if self._is_open and self.context.ok():
                 raise
 
-    def _open_session(self, path: Path | None, make: bool = True) -> Pipeline:
+    def _open_pipeline(self, path: Path | None, make: bool = True) -> Pipeline:
         config = masked(self._config, read_mask(self._config))
         return Pipeline(path, config, make, self._chosen, open_model(config))
 
@@ -209,7 +209,7 @@ class VprNode(ManagedNode):
         added = 0
         if change.gives_up:
             self._worker.drop_all('given_up')
-            added = self._recognition.take_back(self._open_session)
+            added = self._recognition.take_back(self._open_pipeline)
         also = f'; {added} places are taken out of the map again' if added else ''
         self.get_logger().info(f'{change.text}{also}')
 
@@ -247,14 +247,14 @@ class VprNode(ManagedNode):
         self._diagnostics.configure(node_config.diagnostics_period_s)
 
         def apply() -> None:
-            self._recognition.session.cameras.configure(config)
+            self._recognition.pipeline.cameras.configure(config)
             self._answers.config = node_config
             self._localization.configure(node_config)
 
         self._worker.between_items(apply)
 
     def _forget(self) -> None:
-        self._recognition.session.cameras.reset()
+        self._recognition.pipeline.cameras.reset()
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._worker.between_items(self._forget)
@@ -284,19 +284,19 @@ class VprNode(ManagedNode):
         return '; '.join(images.advice(cameras) for images in self._images)
 
     def _situation(self) -> Situation:
-        session, odometry = self._recognition.session, self._frame_context.odometry
+        pipeline, odometry = self._recognition.pipeline, self._frame_context.odometry
         return Situation(
             ready=self._ready,
             enabled=self._enabled and (self._listening or not self._ready),
-            session=session,
+            pipeline=pipeline,
             topic=self._topic,
             dropped=self._worker.dropped,
             odometry_heard=odometry.heard,
             further={
                 'queue': self._worker.waiting,
                 'lost_by_middleware': self._lost(),
-                'clock_jumps': session.cameras.resets,
-                'odometry_jumps': session.cameras.odometry_jumps,
+                'clock_jumps': pipeline.cameras.resets,
+                'odometry_jumps': pipeline.cameras.odometry_jumps,
                 'result_rows_lost': self._results.lost,
                 'camera_info': self._frame_context.camera.is_calibrated,
                 'frames_without_pose': odometry.missing,

@@ -135,13 +135,13 @@ def test_a_map_of_another_model_is_refused_in_one_line(frames, tmp_path):
 def test_places_are_added_with_vectors_to_a_map_that_grows(frames, tmp_path):
     path = tmp_path / 'map.db'
     online = replace(CONFIG, online=replace(CONFIG.online, mode='online'))
-    session = Pipeline(path, online, describe=small)
+    pipeline = Pipeline(path, online, describe=small)
     for seed in (0, 1):
         for frame in frames(seed):
             last = replace(frame, stamp_ns=frame.stamp_ns + seed * 10**11)
-            session.cameras.process(last)
-            session.save()
-    session.close()
+            pipeline.cameras.process(last)
+            pipeline.save()
+    pipeline.close()
     grown = open_map(path)
     assert grown.global_descriptors.shape == (2 * COUNT, 48)
     assert len(grown.links) > 0.8 * COUNT

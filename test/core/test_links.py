@@ -177,10 +177,10 @@ def test_a_map_that_was_built_has_the_places_and_links_of_one_grown_online(tmp_p
     offline, online, without = (tmp_path / name for name in ('built.db', 'grown.db', 'bare.db'))
     build_map(laps(image), offline, config())
     build_map(laps(image), without, config(), links=False)
-    session = Pipeline(online, config(mode='online'))
+    pipeline = Pipeline(online, config(mode='online'))
     for frame in laps(image):
-        session.recognizer.process(frame)
-    session.close()
+        pipeline.recognizer.process(frame)
+    pipeline.close()
     built, grown, bare = map(open_map, (offline, online, without))
     assert [*map(told, built.links.each())] == [*map(told, grown.links.each())]
     assert len(built.links) > LAP / 2

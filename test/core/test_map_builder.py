@@ -62,11 +62,11 @@ def test_online_and_offline_make_the_same_map(tmp_path, image, settings):
     config = make_config({'image_size_px': 128, 'mode': 'online', **settings})
     offline, online = tmp_path / 'offline.db', tmp_path / 'online.db'
     build_map(drive(image), offline, config)
-    session = Pipeline(online, config)
+    pipeline = Pipeline(online, config)
     for frame in drive(image):
-        session.recognizer.process(frame)
-        session.save()
-    session.close()
+        pipeline.recognizer.process(frame)
+        pipeline.save()
+    pipeline.close()
     assert dump(offline) == dump(online)
     assert 3 < len(open_map(offline)) < len(drive(image))
 

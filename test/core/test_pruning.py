@@ -143,11 +143,11 @@ def test_a_removal_that_fails_leaves_the_map_as_it_is(path, monkeypatch):
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr('os.replace', fail)
-    session = Pipeline(path, make_config({'mode': 'online', 'image_size_px': 64, 'max_looks': 2}))
-    assert path.read_bytes()[:64] and len(session.recognizer.reference_map) == 4 * ROUND
-    assert [one for one in session.ignored if one.startswith('max_looks is ignored: ')]
+    pipeline = Pipeline(path, make_config({'mode': 'online', 'image_size_px': 64, 'max_looks': 2}))
+    assert path.read_bytes()[:64] and len(pipeline.recognizer.reference_map) == 4 * ROUND
+    assert [one for one in pipeline.ignored if one.startswith('max_looks is ignored: ')]
     with pytest.raises(MapError, match='No space left on device'):
-        session.close()
+        pipeline.close()
     assert len(open_map(path)) == 4 * ROUND and len(was) == path.stat().st_size
 
 
@@ -164,20 +164,20 @@ def test_an_accepted_place_is_known_at_any_confidence(reason, known):
 def test_a_map_of_a_path_that_is_driven_repeatedly_stops_growing_and_is_recognised(path, image):
     config = make_config({'mode': 'online', 'image_size_px': 128, 'max_looks': 2})
     for day in range(6):
-        session, found = Pipeline(path, config), []
+        pipeline, found = Pipeline(path, config), []
         for place in range(ROUND):
             frame = Frame(day * DAY + place * SECOND, image(place, day))
-            found.append(session.recognizer.process(frame))
-            session.save()
-        session.close()
+            found.append(pipeline.recognizer.process(frame))
+            pipeline.save()
+        pipeline.close()
         right = [
             match.accepted.reference_stamp_ns // SECOND % 86_400 == at
             for at, match in enumerate(found)
             if match.accepted
         ]
         assert not day or (all(right) and len(right) > 0.8 * ROUND)
-        assert session.added <= (ROUND if day < 2 else 2 * STRETCH.keyframes)
-        assert session.autosave.committed == len(open_map(path)) <= min(day + 1, 2) * ROUND
+        assert pipeline.added <= (ROUND if day < 2 else 2 * STRETCH.keyframes)
+        assert pipeline.autosave.committed == len(open_map(path)) <= min(day + 1, 2) * ROUND
     # The anchor of an answer is the same, whatever went, and is what the first drive saw.
     first = open_map(path)
     anchors = [match.anchor for match in found if match.accepted]

@@ -88,8 +88,8 @@ def test_impossible_links_are_left_out_and_reported_once(path, row, capsys):
     assert main(['info', str(path)]) == 0
     said = capsys.readouterr()
     assert 'links        2' in said.out and said.err == f'warning: {opened.problem}\n'
-    session = Pipeline(path, make_config({'image_size_px': 64}))
-    assert session.ignored[:1] == [opened.problem]
+    pipeline = Pipeline(path, make_config({'image_size_px': 64}))
+    assert pipeline.ignored[:1] == [opened.problem]
 
 
 def test_a_million_links_of_missing_places_are_counted_in_one_line(path):

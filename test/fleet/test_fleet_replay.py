@@ -56,12 +56,12 @@ def test_a_fleet_keeps_the_links_of_its_maps(drives, client, tmp_path, answers_o
     one, parts = tmp_path / 'one' / 'one.db', [str(path) for path in paths]
     one.parent.mkdir()
     assert main(['map', 'merge', *parts, '-o', str(one), '--no-links']) == 0
-    session, merged = Fleet(client, [*map(Path, paths)], Config()), open_map(one)
-    linked = [*session.reference_map.links]
+    fleet, merged = Fleet(client, [*map(Path, paths)], Config()), open_map(one)
+    linked = [*fleet.reference_map.links]
     assert linked == [*merged.links] and len(linked) > FRAMES // 2
-    assert [*session.reference_map.places] == [*merged.places]
+    assert [*fleet.reference_map.places] == [*merged.places]
     expected = answers_of(PlaceRecognizer(merged, Config()), again)
-    assert answers_of(session.cameras.first, again) == expected
+    assert answers_of(fleet.cameras.first, again) == expected
 
 
 def listening():
@@ -83,21 +83,21 @@ def test_workers_in_threads_give_the_same_answers(drives, expected, answers_of):
     with connected(Cluster(workers=2, are_threads=True)) as client:
         assert client.scheduler.address.startswith('inproc://')
         assert {address.rpartition(':')[0] for address in listening()} <= {'127.0.0.1'}
-        session = Fleet(client, sorted(maps.glob('*.db')), Config())
-        assert answers_of(session.cameras.first, again) == expected
+        fleet = Fleet(client, sorted(maps.glob('*.db')), Config())
+        assert answers_of(fleet.cameras.first, again) == expected
 
 
 def test_a_worker_that_dies_in_the_middle_loses_nothing(drives, client, expected, answers_of):
     maps, _, again = drives
-    session = Fleet(client, sorted(maps.glob('*.db')), Config())
+    fleet = Fleet(client, sorted(maps.glob('*.db')), Config())
 
     def kill(number):
         if number in (8, 20):
             pids = client.run(os.getpid)
             os.kill(pids[min(pids)], signal.SIGKILL)
 
-    assert answers_of(session.cameras.first, again, kill) == expected
-    assert session.missing == []
+    assert answers_of(fleet.cameras.first, again, kill) == expected
+    assert fleet.missing == []
 
 
 def test_maps_that_cannot_be_opened_are_left_out_and_named(
@@ -130,12 +130,12 @@ def test_a_map_that_is_damaged_later_is_left_out_from_then_on(
     maps, _, again = drives
     folder = tmp_path / 'some'
     shutil.copytree(maps, folder)
-    session, damaged = (Fleet(client, sorted(folder.glob('*.db')), Config()), folder / 'map_1.db')
+    fleet, damaged = (Fleet(client, sorted(folder.glob('*.db')), Config()), folder / 'map_1.db')
     content = bytearray(damaged.read_bytes())
     content[len(content) // 4 :] = bytes(len(content) - len(content) // 4)
     damaged.write_bytes(content)
-    said = answers_of(session.cameras.first, again)
-    assert len(session.missing) == 1 and str(damaged) in session.missing[0]
+    said = answers_of(fleet.cameras.first, again)
+    assert len(fleet.missing) == 1 and str(damaged) in fleet.missing[0]
     accepted = {one[2][0].reference_index for one in said if one[1] == 'accepted'}
     assert accepted and accepted <= {*range(2 * FRAMES, 3 * FRAMES)}
 
@@ -187,12 +187,12 @@ def test_maps_are_those_of_build_map(maps, tmp_path):
 
 def test_workers_send_images_and_depths(maps, client):
     _, made, one = maps
-    session, merged = Fleet(client, sorted(made.glob('*.db')), Config()), open_map(one)
+    fleet, merged = Fleet(client, sorted(made.glob('*.db')), Config()), open_map(one)
     asked = [0, COUNT, 3 * COUNT - 1, 2 * COUNT]
-    whole = session.cameras.first.reference_map.pictures(asked, True)
+    whole = fleet.cameras.first.reference_map.pictures(asked, True)
     assert [(each.image, each.depths) for each in whole] == [
         (each.image, each.depths) for each in merged.pictures(asked, True)
     ]
     assert all(each.image for each in whole)
     assert [each.depths is not None for each in whole] == [True, False, True, True]
-    assert not session.cameras.first.reference_map.pictures(asked)[0].image
+    assert not fleet.cameras.first.reference_map.pictures(asked)[0].image

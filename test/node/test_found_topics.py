@@ -177,10 +177,10 @@ def test_what_was_added_from_a_topic_that_is_given_up_leaves_the_map(
             client.wait_for(lambda count=count: node._statistics.processed == count)
 
     show(lidar, noise[:3])
-    client.wait_for(lambda: node._recognition.session.autosave.committed == len(street) + 3)
+    client.wait_for(lambda: node._recognition.pipeline.autosave.committed == len(street) + 3)
     (camera,) = offered(client, (Image, '/camera/image_raw'))
     client.wait_for(camera.get_subscription_count)
-    client.wait_for(lambda: node._recognition.session.added == 0)
+    client.wait_for(lambda: node._recognition.pipeline.added == 0)
     assert len(open_map(path)) == len(street)
     client.wait_until_known_to('/vpr_node')
     show(camera, noise[3:])

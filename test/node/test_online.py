@@ -185,7 +185,7 @@ def test_no_frame_is_dropped_while_maps_are_saved_and_loaded(
     total = len(open_map(first))
     assert 20 < total < sent
     # From here on, the other map grows.
-    assert len(node._recognition.session.recognizer.reference_map) == 25 + sent - total
+    assert len(node._recognition.pipeline.recognizer.reference_map) == 25 + sent - total
 
 
 def test_the_map_that_grows_is_completed_where_it_is(client, vpr, street, image, tmp_path):
@@ -238,9 +238,9 @@ def test_it_is_ready_when_it_is_warm(client, vpr, map_path, street, image, monke
     warm = threading.Event()
     warm_up = Pipeline.warm_up
 
-    def slowly(session):
+    def slowly(pipeline):
         assert warm.wait(60)
-        warm_up(session)
+        warm_up(pipeline)
 
     monkeypatch.setattr(Pipeline, 'warm_up', slowly)
     vpr(map_path=map_path, fixed_length=1, diagnostics_period_s=0.1)

@@ -36,7 +36,7 @@ CAMERA = Camera(80, 60, 50.0, 50.0, 40.0, 30.0)
 class Setup:
     """A recognition whose surroundings are recorded."""
 
-    def __init__(self, session, path):
+    def __init__(self, pipeline, path):
         self.logger = Mock()
         self.statistics = Statistics()
         self.published = []
@@ -47,7 +47,7 @@ class Setup:
         self.surroundings.depth_at.return_value = None
         self.surroundings.camera_for.return_value = CAMERA
         self.recognition = Recognition(
-            session,
+            pipeline,
             self.surroundings,
             self.results,
             self.publish,
@@ -134,10 +134,10 @@ def test_numbers_go_on_when_the_map_changes(setup, image, gray):
 
 
 def test_the_old_map_is_completed_when_another_takes_over(setup, monkeypatch):
-    old = setup.recognition.session
+    old = setup.recognition.pipeline
     monkeypatch.setattr(old, 'close', Mock(side_effect=MapError('map.db: disk full')))
     setup.recognition.swap(Pipeline(None, CONFIG))
-    assert setup.recognition.session is not old
+    assert setup.recognition.pipeline is not old
     assert setup.statistics.write_failures == 1
 
 
@@ -147,8 +147,8 @@ def test_a_map_without_links_is_linked_while_frames_are_answered(
 ):
     path = Path(shutil.copy(map_path, tmp_path / 'map.db'))
     config = make_config({'mode': mode, 'keyframe_overlap': 1.0})
-    setup.recognition.session = Pipeline(path, config)
-    whole = setup.recognition.session.recognizer.reference_map
+    setup.recognition.pipeline = Pipeline(path, config)
+    whole = setup.recognition.pipeline.recognizer.reference_map
     assert not whole.is_linked
     setup.recognition.link()
     setup.handle(image(gray, 1), 0)

@@ -157,7 +157,7 @@ def test_a_changed_parameter_reaches_the_part_that_uses_it(client, vpr, map_path
     for name, value in changes.items():
         assert set_parameter(client, name, value).successful
     client.wait_for(lambda: node.count_publishers('/initialpose'))
-    recognizer = node._recognition.session.recognizer
+    recognizer = node._recognition.pipeline.recognizer
     client.wait_for(lambda: recognizer.config.reading.max_file_mb == 8.0)
     worker, context = node._worker, node._frame_context
     assert (worker._size, worker._max_wait_ns) == (3, 2_500_000_000)
