@@ -25,7 +25,7 @@ _WIDEST = 20.0  # places; a larger sigma of the motion is cut off at 3 times thi
 
 @constants
 class BELIEF:
-    """Engineering, insensitive between half and twice (docs/MATCHING.md)."""
+    """Engineering; only `jumping` was measured (docs/NOTES.md)."""
 
     # Shares of mass that move, per keyframe.
     # Of elsewhere: enters the map, evenly over its places. As much of copies ends ...

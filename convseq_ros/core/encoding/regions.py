@@ -23,7 +23,7 @@ Regions = Floats
 
 @constants
 class REGION:
-    """Sizes; ours were tuned on real image pairs, by pair and by recall (docs/MATCHING.md)."""
+    """Sizes; engineering, those of the global descriptor by recall (commit ad68631c)."""
 
     paper_span: int = 2  # cells in a row of a region of the paper (III-C)
     span: int = 3  # cells in a row of a projected region

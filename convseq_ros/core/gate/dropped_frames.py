@@ -10,7 +10,7 @@ from convseq_ros.core.types import constants
 
 @constants
 class FRAME_DROPS:
-    """A steady stream; chosen by hand on recordings with known drops (docs/MATCHING.md)."""
+    """A steady stream; engineering, tried on recordings with known drops."""
 
     memory: int = 20  # number of recent intervals in use
     fewest: int = 8  # smallest number of intervals; with fewer, no drops are reported

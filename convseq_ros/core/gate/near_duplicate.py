@@ -15,7 +15,7 @@ _AREA = cv2.INTER_AREA  # each pixel is the mean of the pixels that it covers
 
 @constants
 class GLANCE:
-    """Chosen on drawn drives at 30 frames per second, by day and night (docs/MATCHING.md)."""
+    """Chosen on drawn drives at 30 frames per second, by day and night (docs/NOTES.md)."""
 
     width_px: int = 64
     height_px: int = 48

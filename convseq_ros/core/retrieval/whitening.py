@@ -41,7 +41,7 @@ def widened(rows: Halves) -> Iterator[Floats]:
 
 @constants
 class COARSE:
-    """The whitening; tuned by recall on 14 sets, by day and darkened (docs/MATCHING.md)."""
+    """The whitening; tuned by recall on 14 sets, by day and darkened (commit ad68631c)."""
 
     prior_frames: int = 2  # weight of the map's mean in the drive's mean, in frames
     # Weight of the prior in a session's mean and in all variances, in places or frames.

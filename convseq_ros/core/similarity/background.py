@@ -21,7 +21,7 @@ _READ_AT_ONCE = 16  # places of the sample, for 1 MB of cells
 
 @constants
 class BACKGROUND:
-    """Tuned on 29 sets, by day and darkened (docs/MATCHING.md), except for the sample."""
+    """Tuned on 29 sets, by day and darkened (commit ad68631c), except for the sample."""
 
     fewest_places: int = 20  # a map with fewer places has no background
     sample: int = 256  # number of places that are averaged; more make no difference

@@ -30,7 +30,7 @@ import numpy as np
 
 @constants
 class NORMALIZATION:
-    """Chosen among 50 variants on real and darkened image pairs (docs/MATCHING.md)."""
+    """Chosen among 50 variants on real and darkened image pairs (docs/NOTES.md)."""
 
     side: float = 0.0404  # weight of a neighbour; a Gaussian of 0.4 cells
     middle: float = 1 - 2 * 0.0404  # weight of the cell itself
