@@ -192,10 +192,8 @@ def _as_driven(source: ReferenceMap) -> ReferenceMap:
     places.descriptors.extend(source.global_descriptors[:end])
     places.take({name: rows[:end] for name, rows in source.places.columns.items()}, 0)
     encoding = replace(source.encoding, image_rotation_deg=0)
-    identity = source.map_id, source.sessions
-    driven = ReferenceMap(encoding, places, source.pictures, EVERY_FRAME, *identity)
-    driven.links = source.links
-    return driven
+    same = source.map_id, source.sessions, source.links
+    return ReferenceMap(encoding, places, source.pictures, EVERY_FRAME, *same)
 
 
 def _frame_of(source: ReferenceMap, index: int) -> tuple[Frame, Descriptor]:

@@ -21,7 +21,7 @@ from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import CoarseScores
-from convseq_ros.core.retrieval.whitening import DriveMean, statistics_of
+from convseq_ros.core.retrieval.whitening import statistics_of
 from convseq_ros.core.types import Descriptor, Floats, Row
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.shard import About, Call, Holder
@@ -77,13 +77,12 @@ class FleetScores(CoarseScores):
     """Coarse scores of one camera, which workers compute; they are summed along the drive here."""
 
     def __init__(self, fleet: 'Fleet', both: bool) -> None:
-        super().__init__(fleet.reference_map, both)
-        self._usual, self._ask = fleet.usual, fleet.row
-        self._drive = DriveMean(len(self._usual.mean))  # also of a model's descriptors
+        super().__init__(fleet.reference_map, both, fleet.statistics)
+        self._ask = fleet.row
 
     def update(self, descriptor: Descriptor, _usable: int | None = None) -> None:
         """Take in a query; every place is usable, as fleets do not grow."""
-        self.row = self._ask(self._drive.update(descriptor, self._usual))
+        self.row = self._ask(self._drive.update(descriptor, self._statistics))
         self._track.update(self.row, self._map.bounds.starts)
 
 
@@ -157,7 +156,7 @@ class Fleet:
         *self._starts, self.count = starts
         self.offsets = dict(zip(abouts, self._starts, strict=True))
         sums = np.asarray(sum(about.sums for about in abouts.values()))
-        self.usual = statistics_of(sums, self.count)
+        self.statistics = statistics_of(sums, self.count)
         self.reference_map = self._joined(abouts)
 
     def _joined(self, abouts: Mapping[str, About]) -> ReferenceMap:
@@ -180,7 +179,7 @@ class Fleet:
         questions = list[tuple[_Worker, tuple[Any, ...]]]()
         for worker in self._workers:
             there = [path for path in worker.paths if path not in self._missing]
-            questions.append((worker, (there, direction, self.usual)))
+            questions.append((worker, (there, direction, self.statistics)))
         row = np.full(self.count, -np.inf, np.float32)
         for reply in self._ask_workers('rows', questions):
             for path, scores in (reply or {}).items():

@@ -42,10 +42,10 @@ class Shard:
         sums = sums_of(opened.global_descriptors)
         return About(*settings, opened.places.columns, tuple(opened.links), sums)
 
-    def row(self, direction: Floats, usual: Statistics) -> Row:
+    def row(self, direction: Floats, statistics: Statistics) -> Row:
         """Return the coarse scores of all places with a query's direction in descriptor space."""
         references, starts = self._map.global_descriptors, self._map.bounds.starts
-        self._whitened = self._whitened or WhitenedReferences(usual, references, starts)
+        self._whitened = self._whitened or WhitenedReferences(statistics, references, starts)
         return self._whitened.row(references, starts, direction)
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
@@ -77,9 +77,11 @@ class Holder:
     def about(self) -> tuple[dict[str, About], dict[str, str]]:
         return {path: shard.about() for path, shard in self._shards.items()}, self._lost
 
-    def rows(self, paths: Sequence[str], direction: Floats, usual: Statistics) -> dict[str, Row]:
+    def rows(
+        self, paths: Sequence[str], direction: Floats, statistics: Statistics
+    ) -> dict[str, Row]:
         """Return the coarse scores of some of the maps."""
-        return {path: self._shards[path].row(direction, usual) for path in paths}
+        return {path: self._shards[path].row(direction, statistics) for path in paths}
 
     def pictures(
         self, wanted: Mapping[str, Sequence[int]], with_images: bool

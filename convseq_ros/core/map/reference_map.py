@@ -51,6 +51,7 @@ class ReferenceMap:
         keyframes: KeyframeConfig = KeyframeConfig(),
         map_id: str = '',
         sessions: Sequence[MapSession] = (),
+        links: Links | None = None,
     ) -> None:
         self.encoding, self.keyframes = without_path(encoding), keyframes
         self.map_id, self.sessions = map_id or str(uuid4()), [*sessions]
@@ -62,7 +63,7 @@ class ReferenceMap:
         self._moving = Lock()
         # Mount of the camera in sessions that have none; None: that of the query's camera.
         self.usual_mount: Pose | None = None
-        self.links = Links(self.bounds.around)
+        self.links = Links(self.bounds.around) if links is None else links
         self.problem = ''  # one line about damage that does not prevent the use of the map
         self.keeps_images = False  # whether there may be images or depths
         self.unreadable, self.unreadable_why = 0, ''

@@ -13,6 +13,7 @@ from convseq_ros.core.retrieval.track import Track
 from convseq_ros.core.retrieval.whitening import (
     COARSE,
     DriveMean,
+    Statistics,
     statistics_of,
     sums_of,
     WhitenedReferences,
@@ -54,19 +55,24 @@ class CoarseScores(AllPlaces):
     The means of the session and of the drive are subtracted: this removes what night, season or
     surroundings do to every image. Numbers are divided by the fourth root of their standard
     deviation in both, so that those that lamps change most do not dominate.
+    A fleet's map has no descriptors: it gives the `statistics` of all its maps.
     """
 
-    def __init__(self, reference_map: ReferenceMap, both: bool = False) -> None:
+    def __init__(
+        self, reference_map: ReferenceMap, both: bool = False, statistics: Statistics | None = None
+    ) -> None:
         self._map, self._track = reference_map, Track(both)
         self.row: Row = np.zeros(0, np.float32)  # cosines with the first references
         self._begin(reference_map.global_descriptors[:0])
+        if statistics:
+            self._statistics, self._drive = statistics, DriveMean(len(statistics.mean))
 
     def _begin(self, nothing: Halves) -> None:
         """Start without places; the vectors' length is known from a model's first one."""
         numbers = nothing.shape[1]
         self._sums, self._counted = np.zeros((2, numbers)), 0
-        self._usual, self._drive = statistics_of(self._sums, 0), DriveMean(numbers)
-        self._whitened = WhitenedReferences(self._usual, nothing, np.zeros(1, np.int64))
+        self._statistics, self._drive = statistics_of(self._sums, 0), DriveMean(numbers)
+        self._whitened = WhitenedReferences(self._statistics, nothing, np.zeros(1, np.int64))
 
     def reset(self) -> None:
         self._drive.reset()
@@ -78,7 +84,7 @@ class CoarseScores(AllPlaces):
         if references.shape[1] != self._sums.shape[1]:
             self._begin(references[:0])
         self._follow_map(references, starts)
-        direction = self._drive.update(descriptor, self._usual)
+        direction = self._drive.update(descriptor, self._statistics)
         self.row = self._whitened.row(references, starts, direction)
         self._track.update(self.row, starts)
 
@@ -91,8 +97,8 @@ class CoarseScores(AllPlaces):
         if len(references) > COARSE.averaged_anew * self._counted:
             self._sums += sums_of(references[self._counted :])
             self._counted = len(references)
-            self._usual = statistics_of(self._sums, self._counted)
-            self._whitened = WhitenedReferences(self._usual, references, starts)
+            self._statistics = statistics_of(self._sums, self._counted)
+            self._whitened = WhitenedReferences(self._statistics, references, starts)
         self._whitened.follow(references, starts)
 
 

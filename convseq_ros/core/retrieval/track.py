@@ -42,11 +42,11 @@ class Track:
         for step in range(1, TRACK.reach + 1):
             earlier, later = before[:-step], before[step:]
             if len(bounds):  # nothing is passed on from one session to another
-                apart = np.zeros(len(row), np.bool_)
+                crosses = np.zeros(len(row), np.bool_)
                 for back in range(step):
-                    apart[bounds[bounds + back < len(row)] + back] = True
-                earlier = np.where(apart[step:], -np.inf, earlier)
-                later = np.where(apart[step:], -np.inf, later)
+                    crosses[bounds[bounds + back < len(row)] + back] = True
+                earlier = np.where(crosses[step:], -np.inf, earlier)
+                later = np.where(crosses[step:], -np.inf, later)
             np.maximum(best[step:], earlier, out=best[step:])
             if self._both:
                 np.maximum(best[:-step], later, out=best[:-step])

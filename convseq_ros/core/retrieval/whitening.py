@@ -62,13 +62,13 @@ class Statistics:
 class WhitenedReferences:
     """References of a map, whitened: relative to the mean of their session."""
 
-    def __init__(self, usual: Statistics, references: Halves, starts: Indices) -> None:
-        self._weights = usual.variance ** (-2 * COARSE.power)
-        self._means = np.tile(usual.mean, (len(starts), 1))
+    def __init__(self, statistics: Statistics, references: Halves, starts: Indices) -> None:
+        self._weights = statistics.variance ** (-2 * COARSE.power)
+        self._means = np.tile(statistics.mean, (len(starts), 1))
         for mean, session in zip(self._means, np.split(references, starts[1:]), strict=True):
-            offsets = sums_of(session)[0] - len(session) * usual.mean.astype(np.float64)
+            offsets = sums_of(session)[0] - len(session) * statistics.mean.astype(np.float64)
             mean += offsets / (len(session) + COARSE.prior)
-        self._map_mean, self._nearness = usual.mean, GrowingArray(np.zeros(0, np.float32))
+        self._map_mean, self._nearness = statistics.mean, GrowingArray(np.zeros(0, np.float32))
         self.follow(references, starts)
 
     def follow(self, references: Halves, starts: Indices) -> None:
@@ -80,8 +80,8 @@ class WhitenedReferences:
             for part in widened(references[max(starts[session], first) : ends[session]]):
                 away = (part - self._means[session]).astype(np.float64)
                 distances = away**2 @ self._weights
-                apart, zeros = distances > COARSE.least, np.zeros(len(part), np.float32)
-                self._nearness.extend(np.divide(1, np.sqrt(distances), out=zeros, where=apart))
+                differs, zeros = distances > COARSE.least, np.zeros(len(part), np.float32)
+                self._nearness.extend(np.divide(1, np.sqrt(distances), out=zeros, where=differs))
 
     def row(self, references: Halves, starts: Indices, direction: Floats) -> Row:
         """Return the cosines (R,) of the first references with a query's direction."""
@@ -123,15 +123,15 @@ class DriveMean:
     def reset(self) -> None:
         self._sums, self._frames = np.zeros((2, self._numbers)), 0
 
-    def update(self, descriptor: Descriptor, usual: Statistics) -> Floats:
+    def update(self, descriptor: Descriptor, statistics: Statistics) -> Floats:
         """Take in a query, each only once; return its whitened direction (n,)."""
         query = vector_of(descriptor).astype(np.float32)
         self._sums += np.array([query, query.astype(np.float64) ** 2])
         self._frames += 1
         total, squares = self._sums
-        past = total + COARSE.prior_frames * usual.mean
+        past = total + COARSE.prior_frames * statistics.mean
         away = query - past / (self._frames + COARSE.prior_frames)
         # The variance times the number of frames: the factor does not change a direction.
-        variance = squares - total**2 / self._frames + COARSE.prior * usual.variance
+        variance = squares - total**2 / self._frames + COARSE.prior * statistics.variance
         whitened = unit(away / variance**COARSE.power)
-        return np.asarray(whitened / usual.variance**COARSE.power, np.float32)
+        return np.asarray(whitened / statistics.variance**COARSE.power, np.float32)
