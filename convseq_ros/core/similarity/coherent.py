@@ -134,9 +134,9 @@ class CoherentPair(PairScore):
         self.rough = copy(self)
         self.rough.step = COHERENT.rough_step
 
-    def extract(self, query: Descriptor, least_bits: float, shown: QueryRegions | None) -> Any:
-        regions, blocks = shown or (self.project(query.cells, 1), None)
-        if (salient := extract(query, least_bits, regions, self.step)) is None:
+    def extract(self, query: Descriptor, least_bits: float, regions: QueryRegions | None) -> Any:
+        whole, blocks = regions or (self.project(query.cells, 1), None)
+        if (salient := extract(query, least_bits, whole, self.step)) is None:
             return None
         wide = None if blocks is None or self.step > 1 else widened(blocks, salient.side)
         return self.laid_out(salient), wide
@@ -146,8 +146,8 @@ class CoherentPair(PairScore):
         return None if background is None else thinned(background, self.step)
 
     def prepare(self, cells: Cells, background: Regions | None) -> Any:
-        shown, blocks = self.subtract(self.project(cells, self.step), self.thinned(background))
-        return self.packed(shown, blocks if self.step == 1 else None)
+        regions, blocks = self.subtract(self.project(cells, self.step), self.thinned(background))
+        return self.packed(regions, blocks if self.step == 1 else None)
 
     def compare(
         self, query: Any, references: Sequence[Any], _limit: float | None = None

@@ -100,12 +100,12 @@ class FeatureCache:
 
         def score(request: int, batch: slice) -> None:
             query, references = work[request]
-            shown = [at for at in range(batch.start, batch.stop) if references[at] is not None]
-            if shown:
-                scores, shifts = self.pair.compare(query, [references[at] for at in shown])
-                results[request][shown] = scores
+            kept = [at for at in range(batch.start, batch.stop) if references[at] is not None]
+            if kept:
+                scores, shifts = self.pair.compare(query, [references[at] for at in kept])
+                results[request][kept] = scores
                 if query is self._query and shifts is not None:
-                    indices = requests[request][1][shown].tolist()
+                    indices = requests[request][1][kept].tolist()
                     self._shifts.update(zip(indices, map(tuple, shifts.tolist()), strict=True))
 
         self._threads.run([len(references) for _, references in work], score)

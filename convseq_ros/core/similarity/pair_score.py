@@ -45,11 +45,12 @@ class PairScore:
     regions_of: Callable[[Any], Regions] | None = None
     rough: 'PairScore | None' = None  # a kernel of rough scores, for 1/16 of the work
 
-    def extract(self, query: Descriptor, least_bits: float, shown: QueryRegions | None) -> Any:
+    def extract(self, query: Descriptor, least_bits: float, regions: QueryRegions | None) -> Any:
         """
         Return the features of a query; None if it is not informative.
 
-        A region is salient from `least_bits` of entropy on. `shown` are its regions, if computed.
+        A region is salient from `least_bits` of entropy on. `regions` are all of its regions, if
+        computed.
         """
         raise NotImplementedError
 

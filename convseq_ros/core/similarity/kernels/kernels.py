@@ -96,10 +96,10 @@ def less_background(regions: Regions, background: Regions | None) -> QueryRegion
     """Return the definition's `less_background`, to 1e-6."""
     if background is None:
         return regions, None
-    shown, side, block = regions.copy(), isqrt(len(regions)), GLOBAL_SIMILARITY.block
+    foreground, side, block = regions.copy(), isqrt(len(regions)), GLOBAL_SIMILARITY.block
     sums = np.zeros((-(-side // block),) * 2 + regions.shape[1:], np.float32)
-    _subtract(shown, np.ascontiguousarray(background, np.float32), side, block, sums)
-    return shown, sums.ravel()
+    _subtract(foreground, np.ascontiguousarray(background, np.float32), side, block, sums)
+    return foreground, sums.ravel()
 
 
 def _empty_panel(size_bytes: int) -> Panel:
@@ -181,7 +181,7 @@ class _CompiledCoherent(CoherentPair):
     def prepare_packed(
         self, packed: Sequence[Packed], normalizes: bool, background: Regions | None
     ) -> list[_Reference | None]:
-        size, shown, weights = len(packed[0]), np.empty(len(packed), np.int8), NORMALIZATION
+        size, has_gradient, weights = len(packed[0]), np.empty(len(packed), np.int8), NORMALIZATION
         side, block, behind = regions_in_a_row(size, self.step), 0, 0
         count, each = side**2, REGION.numbers * (1 if self._scale else 4)
         room = _rounded_up(count, _COLUMNS) * each
@@ -195,11 +195,11 @@ class _CompiledCoherent(CoherentPair):
         _prepare(
             _addresses(cells), len(packed), size, self.step, PACKED_UNIT, weights.middle,
             weights.side, weights.saturation if normalizes else 0.0, *axes(), background, block,
-            self._scale, room, _addresses(panels), shown,
+            self._scale, room, _addresses(panels), has_gradient,
         )  # fmt: skip
         references: list[_Reference | None] = []
-        for panel, is_shown in zip(panels, shown, strict=True):
-            if not is_shown:
+        for panel, is_kept in zip(panels, has_gradient, strict=True):
+            if not is_kept:
                 references.append(None)
                 continue
             if not self._scale:
@@ -259,7 +259,7 @@ class _CompiledRegional(PairScore):
         self._scale, self._of_references = (0.0, 0.0) if self.exact else _PAPER_SCALES
 
     def extract(
-        self, query: Descriptor, _least_bits: float, _shown: object
+        self, query: Descriptor, _least_bits: float, _regions: object
     ) -> tuple[Query, int] | None:
         if not query.informative:
             return None

@@ -56,8 +56,8 @@ def less_background(regions: Regions, background: Regions | None) -> QueryRegion
     """Return regions (N, 32) less a background, at unit length, and their blocks."""
     if background is None:
         return regions, None
-    shown = unit(regions - background)
-    return shown, region_blocks(shown)
+    foreground = unit(regions - background)
+    return foreground, region_blocks(foreground)
 
 
 def window(sigma_cells: float) -> Doubles:
@@ -161,7 +161,7 @@ def score_beside(limit: float, salient: Regions, reference: Regions) -> float:
 class _NumpyRegional(PairScore):
     name, exact = 'numpy', True
 
-    def extract(self, query: Descriptor, _least_bits: float, _shown: object) -> Regions | None:
+    def extract(self, query: Descriptor, _least_bits: float, _regions: object) -> Regions | None:
         return paper_regions(query.cells)[query.salient] if query.informative else None
 
     def prepare(self, cells: Cells, _background: object) -> Regions:
