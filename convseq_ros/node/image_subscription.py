@@ -16,7 +16,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 QUEUE_BYTES = 256_000_000  # of waiting images; the middleware may hold as much again
 _FEWEST = 2  # images that the middleware may always hold: the next one arrives while one is taken
-_LOOK_S = 1.0
+_PERIOD_S = 1.0
 
 
 class ImageSubscription(FollowingSubscription):
@@ -35,7 +35,7 @@ class ImageSubscription(FollowingSubscription):
     ) -> None:
         self._on_image, self._is_stopped_to_change = on_image, False
         super().__init__(node, Image, topic, self._on_bytes, depth, starts=False, raw=True)
-        self._timer = steady_timer(node, _LOOK_S, self._follow_type)
+        self._timer = steady_timer(node, _PERIOD_S, self._follow_type)
 
     def start(self) -> None:
         by_name = CompressedImage if self.topic.endswith(COMPRESSED) else Image

@@ -10,7 +10,7 @@ from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.topics import steady_timer
 from rclpy.node import Node
 
-_LOOK_S = 1.0
+_PERIOD_S = 1.0
 _LOG_S, _WARN_S = 10.0, 5.0
 _REMEDIES = {
     'queue_size': 'found the queue full (queue_size)',
@@ -33,7 +33,7 @@ class ProgressLog:
         self._logged = self._warned = time.monotonic()
         self._before = self._counts()
         self._dropped_before: Counter[str] = Counter()
-        self._timer = steady_timer(node, _LOOK_S, self._look)
+        self._timer = steady_timer(node, _PERIOD_S, self._tick)
 
     def finish(self) -> None:
         """Log a summary since the start, if any message arrived."""
@@ -41,7 +41,7 @@ class ProgressLog:
         if self._statistics.received:
             self._logger.info(f'at the end: {self._summary((0, 0, 0, 0.0))}')
 
-    def _look(self) -> None:
+    def _tick(self) -> None:
         now = time.monotonic()
         if now - self._warned >= _WARN_S or not self._dropped_before:
             self._warn()

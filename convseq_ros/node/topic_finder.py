@@ -10,7 +10,7 @@ from convseq_ros.node.offers import Offer, offers_of, Search
 from convseq_ros.node.topics import steady_timer
 from rclpy.node import Node
 
-_LOOK_S = 1.0  # discovery takes time: what two looks in a row find is used
+_PERIOD_S = 1.0  # discovery takes time: what is found twice in a row is used
 _NAMES = 'image', 'camera_info', 'odom'
 
 
@@ -52,7 +52,7 @@ class TopicFinder:
         self._in_use: list[Offer] = []
         self._last: dict[str, list[str]] = {}
         self._reported: dict[str, list[str]] = {}
-        self._timer = steady_timer(node, _LOOK_S, self._look)
+        self._timer = steady_timer(node, _PERIOD_S, self._search)
 
     def settle(self) -> None:
         """Keep the topics from now on; any thread may call this."""
@@ -63,7 +63,7 @@ class TopicFinder:
         search = Search(offers_of(self._node), self._namespace, self._depth_topic)
         return search.images() or replace(search, namespace='/').images()
 
-    def _look(self) -> None:
+    def _search(self) -> None:
         if self.is_settled:
             self._timer.cancel()
             return

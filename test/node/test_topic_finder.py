@@ -38,7 +38,7 @@ class Graph:
 
     def look(self):
         for _ in range(2):
-            self.finder._look()
+            self.finder._search()
 
     @property
     def used(self):
@@ -75,9 +75,9 @@ def test_every_order_of_start_ends_with_the_robots_own_topics(graph):
 def test_a_topic_is_used_when_two_looks_agree(graph):
     world = graph()
     world.offers = [Offer('/a/image_raw', IMAGE)]
-    world.finder._look()
+    world.finder._search()
     assert not world.changes
-    world.finder._look()
+    world.finder._search()
     assert [change.topics for change in world.changes] == [{'image': '/a/image_raw'}]
 
 

@@ -119,7 +119,7 @@ def _legend(figure: Any) -> Any:
 
 
 def _lines(
-    runs: Sequence[Shown], lines: Sequence[Any], x_label: str, y_label: str, **look: Any
+    runs: Sequence[Shown], lines: Sequence[Any], x_label: str, y_label: str, **how: Any
 ) -> Any:
     figure = _figure(x_label, y_label)
     (axes,) = figure.axes
@@ -128,7 +128,7 @@ def _lines(
     for name, x, y in lines:
         position = names.index(name)
         style = ('-', '--', ':', '-.')[position // 10 % 4]
-        axes.plot(x, y, label=name, color=f'C{position}', linestyle=style, linewidth=1.6, **look)
+        axes.plot(x, y, label=name, color=f'C{position}', linestyle=style, linewidth=1.6, **how)
     return _legend(figure)
 
 
