@@ -87,7 +87,7 @@ def test_each_link_has_its_pair_the_least_agreeing_first(path, capsys, monkeypat
                 assert len(ends) > 4 and abs(ends[:, 0] - ends[:, 1]).mean() < 4
 
 
-def test_a_map_without_links_is_one_line(path, capsys):
+def test_browsing_a_map_without_links_is_refused_in_one_line(path, capsys):
     assert main(['map', 'unlink', str(path)]) == 0
     assert main(['map', 'browse', str(path), '-o', str(path.with_name('none.html'))]) == 1
     assert 'a map.db: has no link; `convseq map link` looks for some\n' in capsys.readouterr().err

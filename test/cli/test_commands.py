@@ -59,7 +59,7 @@ def test_a_drive_replayed_in_its_own_map_finds_every_place(drive, map_path, tmp_
     assert all(row['reference_index'] == row['query_index'] for row in told)
 
 
-def test_each_recording_of_a_folder_is_a_session_if_asked(tmp_path, capsys):
+def test_each_recording_of_a_folder_becomes_a_session_with_each(tmp_path, capsys):
     for number, name in enumerate(('day 2', 'day 10')):
         written(tmp_path / 'drives' / name, (scene(place, number) for place in range(3)))
     arguments = ['build-map', tmp_path / 'drives', tmp_path / 'map.db']
@@ -72,7 +72,7 @@ def test_each_recording_of_a_folder_is_a_session_if_asked(tmp_path, capsys):
 
 
 @pytest.mark.parametrize('said', ['0 0 0 0 0 0', '0.5 0 0 0 0 0'])
-def test_where_the_camera_is_said_to_be_wins_over_tf(tmp_path, said):
+def test_a_given_camera_mount_overrides_tf(tmp_path, said):
     replay.describe(parser := argparse.ArgumentParser(allow_abbrev=False))
     words = ['drive', '--map', 'map.db', '--base-frame', 'base']
     tf = chosen_images(parser.parse_args(words))['tf']
@@ -152,7 +152,7 @@ def test_without_a_command_all_of_them_are_listed(capsys):
     assert all(f'\n  {command} ' in told for command in COMMANDS)
 
 
-def test_a_picture_that_is_none_is_one_line_and_counted(capsys, tmp_path):
+def test_an_unreadable_picture_is_reported_and_counted(capsys, tmp_path):
     folder = written(tmp_path / 'drive', map(scene, range(3)))
     (folder / '001.png').write_text('no picture')
     assert main(['build-map', str(folder), str(tmp_path / 'map.db'), '--json']) == 0
@@ -175,7 +175,9 @@ def test_a_picture_that_is_none_is_one_line_and_counted(capsys, tmp_path):
         ('/**:\n  ros__parameters: 3', 'not a ROS parameter file'),
     ],
 )
-def test_a_bad_parameter_file_is_one_line(capsys, drive, map_path, tmp_path, text, told):
+def test_a_bad_parameter_file_is_refused_in_one_line(
+    capsys, drive, map_path, tmp_path, text, told
+):
     file = tmp_path / 'my.yaml'
     file.write_text(text)
     assert told in refused(capsys, 'replay', drive, '--map', map_path, '--config', file)
@@ -190,7 +192,7 @@ def limited(arguments, size):
     return run(*START, *arguments, preexec_fn=limit, env=env, timeout=180)
 
 
-def test_no_space_left_for_a_map_is_one_line_and_keeps_what_was_committed(drive, tmp_path):
+def test_a_full_disk_stops_a_map_with_one_line_and_keeps_committed_places(drive, tmp_path):
     path = tmp_path / 'map.db'
     done = limited(['build-map', drive, path], 200_000)
     *kept, error = done.stderr.splitlines()
@@ -199,7 +201,7 @@ def test_no_space_left_for_a_map_is_one_line_and_keeps_what_was_committed(drive,
         assert f'keeps the places of this run ({len(open_map(path))});' in kept[0]
 
 
-def test_no_space_left_for_results_is_one_line_and_keeps_the_rows(drive, map_path, tmp_path):
+def test_a_full_disk_stops_results_with_one_line_and_keeps_the_rows(drive, map_path, tmp_path):
     output = tmp_path / 'result.csv'
     done = limited(['replay', drive, '--map', map_path, '--output', output], 2000)
     assert done.returncode == 1 and done.stderr.count('\n') == 1, done.stderr
@@ -213,7 +215,7 @@ def _hear_sigint():
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def test_an_interrupted_build_keeps_what_was_added_and_says_so(tmp_path):
+def test_an_interrupted_build_keeps_and_reports_what_was_added(tmp_path):
     folder = written(tmp_path / 'drive', map(scene, range(800)))
     path = tmp_path / 'map.db'
     with subprocess.Popen(

@@ -10,7 +10,7 @@ import pytest
 FRAMES = 15
 
 
-def test_two_drives_go_through_the_live_node_and_end_in_a_table_and_a_picture(tmp_path, capfd):
+def test_the_demo_runs_two_drives_through_the_node_into_table_and_picture(tmp_path, capfd):
     for package in ('rclpy', 'matplotlib', 'rosbags'):
         pytest.importorskip(package)
     earlier = tmp_path / 'out' / 'live.csv'

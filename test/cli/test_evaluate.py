@@ -79,7 +79,7 @@ def test_figures_that_cannot_be_compared_are_refused_in_one_line(
     assert done == bool(problem) and problem in told and told.count('\n') == bool(problem)
 
 
-def test_without_a_data_set_those_that_are_known_are_named_in_one_line(street, capsys):
+def test_without_a_data_set_the_known_ones_are_named_in_one_line(street, capsys):
     assert evaluate(street) == 1
     (line,) = capsys.readouterr().err.splitlines()
     told = 'convseq evaluate: no data set; give a YAML file or one of alderley'

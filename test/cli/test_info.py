@@ -49,7 +49,7 @@ def test_the_line_to_paste_builds_a_map_with_poses(drive, capsys, tmp_path, monk
     assert (len(facts['sessions']), facts['path_m']) == (1, pytest.approx(11.0, abs=0.1))
 
 
-def test_without_a_file_it_says_what_is_installed(capsys):
+def test_info_without_a_file_lists_the_installed_versions(capsys):
     assert main(['info', '--json']) == 0
     told = json.loads(capsys.readouterr().out)
     assert told['convseq_ros'] == __version__ and told['numpy'] == np.__version__
@@ -58,7 +58,7 @@ def test_without_a_file_it_says_what_is_installed(capsys):
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [*told]
 
 
-def test_what_a_stranger_called_a_topic_is_one_word_to_paste():
+def test_a_hostile_topic_name_is_quoted_as_one_word():
     cameras = ['/a; touch owned', "/b' $(id)\n\x1b[2J"]
     each = {'type': 'sensor_msgs/msg/Image', 'messages': 2, 'rate_hz': 1.0}
     facts = {'recording': 'x', 'images': 2, 'seconds': 1.0, 'warnings': []}
@@ -145,18 +145,18 @@ def test_a_camera_that_is_not_calibrated_or_of_another_image_is_not_proposed(tmp
     assert lines[-2:] == ['  --topic /b/image', '  --camera-info /c/camera_info']
 
 
-def test_of_a_recording_without_a_camera_no_map_is_proposed(tmp_path, capsys):
+def test_a_recording_without_a_camera_gets_no_map_command(tmp_path, capsys):
     rows = [('/vpr_node/debug_image', START_NS, image(picture(0)))]
     commands, lines = told(write_recording(tmp_path, 'mcap folder', rows), capsys)
     assert commands == [] and lines[-1] == 'no images of a camera: no map can be made of it'
 
 
-def test_a_map_without_poses_says_which_topic_has_them(drive, capsys, tmp_path):
+def test_building_a_map_without_poses_names_the_topic_that_has_them(drive, capsys, tmp_path):
     assert main(['build-map', str(drive), str(tmp_path / 'map.db')]) == 0
     assert 'no poses: none were asked for; add --odom /wheels/odom' in capsys.readouterr().out
 
 
-def test_poses_of_another_time_are_said_not_to_fit(drive, capsys, tmp_path):
+def test_poses_of_another_time_are_reported(drive, capsys, tmp_path):
     poses = tmp_path / 'poses.txt'
     poses.write_text('1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n')
     assert main(['build-map', str(drive), str(tmp_path / 'm.db'), '--poses', str(poses)]) == 0
@@ -175,7 +175,7 @@ def test_the_picture_of_a_straight_street_has_a_height(tmp_path):
     assert rows.max() - rows.min() > drawn.shape[0] / 4
 
 
-def test_info_says_that_satellite_fixes_are_not_poses():
+def test_info_reports_that_satellite_fixes_are_not_poses():
     fix = {'topic': '/fix', 'type': 'sensor_msgs/msg/NavSatFix', 'messages': 3, 'rate_hz': 1.0}
     facts = {'recording': 'drive', 'images': 2, 'seconds': 2.0, 'topics': [fix], 'warnings': []}
     lines = [line for line in recording_lines(facts) if '--poses' in line]

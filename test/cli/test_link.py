@@ -114,7 +114,7 @@ def posed(whole):
 
 
 @pytest.mark.parametrize('wrong', [0, 6])
-def test_a_session_lies_where_most_links_say(wrong):
+def test_most_links_decide_where_a_session_lies(wrong):
     pytest.importorskip('gtsam')
     whole, links = made(20, wrong)
     poses, session = posed(whole)
@@ -145,7 +145,7 @@ def test_the_graph_that_gtsam_reads_is_the_one_that_is_solved(tmp_path):
     assert np.allclose(factor.measured().matrix(), matrix(there))
 
 
-def test_odometry_goes_past_a_keyframe_that_was_removed_and_links_without_metres_stay_out():
+def test_odometry_edges_bridge_removed_keyframes_and_links_without_metres_are_left_out():
     whole, links = made(5)
     poses, session = posed(whole)
     del poses[2]
@@ -186,7 +186,7 @@ def _off_m(path, truth):
     return math.sqrt(((own @ (left @ right).T - true) ** 2).sum(axis=1).mean())
 
 
-def test_a_drive_that_crosses_its_own_path_is_linked_once_and_its_poses_get_better(
+def test_a_drive_that_crosses_its_path_is_linked_once_and_its_poses_improve(
     circled, tmp_path, capsys
 ):
     gtsam = pytest.importorskip('gtsam')
@@ -215,7 +215,7 @@ def test_a_drive_that_crosses_its_own_path_is_linked_once_and_its_poses_get_bett
     assert path.read_bytes() == kept
 
 
-def test_without_poses_or_a_link_nothing_is_made_and_one_line_says_why(tmp_path, capsys):
+def test_linking_without_poses_or_links_writes_nothing_and_gives_the_reason(tmp_path, capsys):
     whole, _ = made(3)
     poses, session = posed(whole)
     assert align_sessions(poses, session, edges_of(poses, session, [])) == {}
@@ -233,7 +233,7 @@ def test_without_poses_or_a_link_nothing_is_made_and_one_line_says_why(tmp_path,
 
 
 @pytest.mark.parametrize('left', [('-wal', '-shm'), ('-lock',)])
-def test_what_a_killed_link_left_is_taken_in_by_the_next(driven, tmp_path, capsys, left):
+def test_the_next_link_recovers_what_a_killed_one_left(driven, tmp_path, capsys, left):
     path, killed = driven[0], tmp_path / 'killed.db'
     opened = open_map(path)
     grown = tmp_path / 'grown.db'

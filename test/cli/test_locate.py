@@ -45,7 +45,7 @@ def images(walls, tmp_path):
     return lambda *indices: [str(tmp_path / f'{index}.png') for index in indices]
 
 
-def test_the_last_few_images_tell_place_pose_and_quality(place_map, images, tmp_path, capsys):
+def test_the_last_few_images_give_place_pose_and_quality(place_map, images, tmp_path, capsys):
     path, has_poses = place_map
     picture = tmp_path / 'match.png'
     asked = [*images(3, 4), '--map', str(path), '--picture', str(picture)]
@@ -57,7 +57,7 @@ def test_the_last_few_images_tell_place_pose_and_quality(place_map, images, tmp_
 
 
 @pytest.mark.parametrize('rule', ['belief', 'margin'])
-def test_one_image_is_a_candidate_or_sure_of_its_margin(place_map, images, capsys, rule):
+def test_one_image_is_a_candidate_or_localised_by_its_margin(place_map, images, capsys, rule):
     path, has_poses = place_map
     settings = SETTINGS if rule == 'margin' else ['--search', 'exhaustive']
     assert main(['locate', *images(7), '--map', str(path), '--json', *settings]) == 0
@@ -115,7 +115,9 @@ def test_an_unreadable_image_among_others_is_warned_about(place_map, images, tmp
         ('', 'walls.db', ': a folder; give its last few pictures'),
     ],
 )
-def test_what_cannot_be_read_is_named(place_map, images, tmp_path, capsys, image, map_name, said):
+def test_an_unreadable_image_or_map_is_named(
+    place_map, images, tmp_path, capsys, image, map_name, said
+):
     images(0)
     (tmp_path / 'text.png').write_text('no picture')
     path = place_map[0].with_name(map_name)

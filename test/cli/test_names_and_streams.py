@@ -84,7 +84,7 @@ def test_words_that_are_not_utf_8_are_refused_in_one_line(word, drive, tmp_path,
     assert not path.exists()
 
 
-def test_home_and_addresses_are_found(drive, tmp_path, monkeypatch, capsys):
+def test_home_paths_and_file_addresses_are_found(drive, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv('HOME', str(tmp_path))
     assert main(['build-map', str(drive), '~/my map.db']) == 0
     address = f'file://{tmp_path}/my%20map.db'
@@ -136,9 +136,7 @@ def test_a_closed_output_costs_no_map(drive, tmp_path):
         ('| true; (exit ${PIPESTATUS[0]})', 0, ''),
     ],
 )
-def test_an_output_that_is_full_or_left_is_one_line_at_most(
-    end, code, told, unbuffered, monkeypatch
-):
+def test_a_full_or_closed_output_gives_at_most_one_line(end, code, told, unbuffered, monkeypatch):
     monkeypatch.setenv('PYTHONUNBUFFERED', unbuffered)
     done = bash(f'{shlex.join([*CONVSEQ, "info", "--json"])} {end}')
     assert (done.returncode, done.stderr) == (code, told)

@@ -41,7 +41,7 @@ def in_rounds(path, rounds):
     return path
 
 
-def test_one_link_goes_for_good_and_what_hung_on_it_keeps_its_own(path, capsys):
+def test_a_removed_link_stays_removed_and_the_links_that_hung_on_it_remain(path, capsys):
     assert main(['map', 'unlink', str(path), '--place', str(ROUND + 5)]) == 0
     assert '1 of 64 links taken out' in capsys.readouterr().out
     left = open_map(path)
@@ -75,7 +75,7 @@ def test_linking_again_replaces_all_links_but_those_that_were_taken_out(path, ca
     assert again.is_linked and again.links.is_unlinked(ROUND + 5)
 
 
-def test_links_of_a_session_go_or_all_which_are_looked_up_anew_then(path, capsys):
+def test_links_are_removed_by_session_or_all_at_once(path, capsys):
     assert main(['map', 'unlink', str(path), '--session', 'round 2']) == 0
     left = open_map(path)
     assert {place for place, _ in left.links} == {*range(ROUND, 2 * ROUND)}
@@ -85,14 +85,16 @@ def test_links_of_a_session_go_or_all_which_are_looked_up_anew_then(path, capsys
     assert '32 of 32 links taken out; convseq map link' in capsys.readouterr().out
 
 
-def test_a_place_without_a_link_is_one_line_and_nothing_changes(path, capsys):
+def test_unlinking_a_place_without_a_link_is_refused_and_changes_nothing(path, capsys):
     before = path.read_bytes()
     assert main(['map', 'unlink', str(path), '--place', '3']) == 1
     assert 'place 3 has no link' in capsys.readouterr().err
     assert path.read_bytes() == before
 
 
-def test_a_merged_map_is_written_once_without_what_is_beyond_a_number(path, monkeypatch, capsys):
+def test_merging_with_max_looks_writes_the_map_once_without_surplus_looks(
+    path, monkeypatch, capsys
+):
     merged, written = path.with_name('merged.db'), []
     monkeypatch.setattr(edit, 'save_map', lambda *of: written.append(of) or save_map(*of))
     assert main(['map', 'merge', str(path), '-o', str(merged), '--max-looks', '2']) == 0
@@ -102,7 +104,7 @@ def test_a_merged_map_is_written_once_without_what_is_beyond_a_number(path, monk
     assert [*left.places] == [*expected.places] and [*left.links] == [*expected.links]
 
 
-def test_a_merged_map_keeps_eight_looks_of_a_place_unless_all_are_asked_for(tmp_path):
+def test_a_merged_map_keeps_eight_looks_of_a_place_by_default(tmp_path):
     path = in_rounds(tmp_path / 'map.db', 10)
     for asked, kept in ((), 8), (('--max-looks', '0'), 10):
         merged = tmp_path / f'{kept}.db'

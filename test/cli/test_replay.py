@@ -96,7 +96,7 @@ def test_a_damaged_picture_costs_only_its_own_frame(two_rounds, tmp_path, replay
     assert summary['added'] == whole['added'] - 1 and after[34]['reason'] == 'accepted'
 
 
-def test_a_run_that_fails_tells_what_the_map_keeps_and_how_to_remove_it(
+def test_a_failed_run_reports_the_places_kept_and_how_to_remove_them(
     two_rounds, tmp_path, replay, monkeypatch, capsys
 ):
     path = tmp_path / 'map.db'
@@ -129,7 +129,7 @@ def fails_at(last):
     return write
 
 
-def test_a_map_that_cannot_be_made_is_one_line_and_exit_1(two_rounds, tmp_path, replay):
+def test_a_map_that_cannot_be_created_ends_with_one_line_and_exit_1(two_rounds, tmp_path, replay):
     code, errors = replay(two_rounds, tmp_path / 'absent' / 'map.db', *ONLINE)
     assert code == 1
     assert 'absent' in errors and errors.count('\n') == 1
@@ -162,7 +162,7 @@ def rows(recording, tmp_path_factory):
     return replayed
 
 
-def test_cameras_together_say_what_each_says_alone(rows):
+def test_cameras_together_give_the_answers_of_each_alone(rows):
     together = rows(' '.join(TOPICS))
     assert [row['camera'] for row in together] == [*TOPICS] * COUNT
     assert [int(row['query_index']) for row in together] == list(range(2 * COUNT))
@@ -197,7 +197,7 @@ def test_a_camera_that_is_named_twice_is_refused(recording, tmp_path, capsys):
     assert 'names a camera twice' in capsys.readouterr().err and not path.exists()
 
 
-def test_as_many_cameras_are_described_as_there_are(recording, tmp_path, capsys):
+def test_each_camera_needs_its_own_camera_info(recording, tmp_path, capsys):
     wanted = ['--map', str(tmp_path / 'map.db'), '--mode', 'online', '--camera-info', '/a']
     assert main(['replay', str(recording), *wanted, '--topic', ' '.join(TOPICS)]) == 1
     assert '1 for 2 cameras; name one of each' in capsys.readouterr().err

@@ -90,7 +90,7 @@ def test_page_has_a_pair_for_each_frame_with_candidates_and_its_agreement(
             assert len(ends) > 4 and abs(ends[:, 0] - ends[:, 1]).mean() < 4
 
 
-def test_drive_and_map_are_one_line_from_above_though_their_odometry_differs(drives, replayed):
+def test_drive_and_map_coincide_from_above_though_their_odometry_differs(drives, replayed):
     data, text, _ = replayed('--poses', str(drives / 'second.txt'))
     lines = re.findall(r'class="line" stroke="[^"]*" d="M([^"]*)"', text)
     drive, mapped = ([tuple(map(float, p.split())) for p in line.split('L')] for line in lines)
@@ -100,7 +100,7 @@ def test_drive_and_map_are_one_line_from_above_though_their_odometry_differs(dri
     assert text.count('class="arc"') == data['strip']['kinds'].count(0)
 
 
-def test_what_a_page_lacks_is_said_in_one_line_each(drives, replayed, tmp_path):
+def test_each_part_that_a_page_lacks_is_reported_in_one_line(drives, replayed, tmp_path):
     data, text, errors = replayed(name='bare.db')
     above, pictures = errors.splitlines()
     assert 'nothing is drawn from above, which needs --odom or --poses' in above
@@ -113,7 +113,7 @@ def test_what_a_page_lacks_is_said_in_one_line_each(drives, replayed, tmp_path):
     assert data['strip']['threshold'] == 90 and 'id="above"' in text
 
 
-def test_a_page_that_cannot_be_written_is_one_line_and_leaves_table_and_old_page(
+def test_a_page_that_cannot_be_written_leaves_the_table_and_the_old_page(
     replayed, tmp_path, monkeypatch
 ):
     page = tmp_path / 'page.html'

@@ -110,7 +110,7 @@ def test_a_merged_map_answers_every_frame_as_one_built_in_one_go(maps, tmp_path,
         assert one == other
 
 
-def test_what_was_merged_is_split_again(two, maps, tmp_path, run):
+def test_a_merged_map_is_split_again(two, maps, tmp_path, run):
     code, said = run('map', 'split', two, '-o', tmp_path / 'parts')
     assert code == 0 and 'drive_1.db: 14 keyframes' in said
     for drive in (0, 1):
@@ -143,7 +143,7 @@ def test_a_session_is_renamed_and_reported(two, run):
         assert code == 1 and said.count('\n') == 1
 
 
-def test_a_session_that_is_not_there_is_one_line_with_those_that_are(two, run):
+def test_a_missing_session_is_reported_with_the_existing_ones(two, run):
     assert run('map', 'remove', two, '--session', 'drive') == (
         1, f"convseq map: {two}: no single session is 'drive'; it has 0 'drive 0', 1 'drive 1'\n"
     )  # fmt: skip
@@ -207,7 +207,7 @@ def test_a_map_that_has_an_owner_is_left_alone(command, two, run):
     assert len(open_map(two)) == 2 * PLACES
 
 
-def test_what_was_added_after_a_map_was_read_is_not_lost(two):
+def test_a_map_that_changed_since_it_was_read_is_not_overwritten(two):
     parts = slices_of(two)
     with MapBuilder(two, CONFIG, True, 'late') as builder:
         for frame in frames(2):

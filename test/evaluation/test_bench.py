@@ -50,7 +50,7 @@ def test_every_method_recognises_an_easy_street(street, quick, tmp_path):
 @pytest.mark.parametrize(('method', 'knows_the_drive'), [
     ('single', False), ('verified', False), ('convseq-k1+matching=coherent', True),
 ])  # fmt: skip
-def test_an_image_alone_is_answered_alike_in_any_order(
+def test_single_image_methods_give_the_same_scores_in_any_order(
     street, quick, tmp_path, method, knows_the_drive
 ):
     backwards = street.file.read_text().replace('path: query', 'path: query, backwards: true')
@@ -180,9 +180,7 @@ def test_the_score_matrices_of_a_set_are_shown_single_frame_and_in_sequence(
         (('!',), "method '!'"),
     ],
 )
-def test_a_method_that_makes_no_sense_is_refused_in_one_line(
-    street, quick, tmp_path, methods, problem
-):
+def test_an_invalid_method_is_refused_in_one_line(street, quick, tmp_path, methods, problem):
     with pytest.raises(ConvseqError, match=problem) as caught:
         run(street, quick, tmp_path / 'out', *methods)
     assert '\n' not in str(caught.value)
@@ -255,7 +253,7 @@ def test_a_model_is_a_first_stage_of_the_recogniser(accuracy, tmp_path):
     assert accuracy(f'convseq+descriptor_model={net}') > 0.6  # not what was kept of the other one
 
 
-def test_what_robots_run_decides_by_itself(accuracy):
+def test_bag_of_words_decides_by_itself_and_refuses_invalid_options(accuracy):
     assert accuracy('orb-bow') is not None
     for option, problem in {'alpha=low': "is not a number: 'low'", 'direct=-1': 'is -1; '}.items():
         with pytest.raises(ConvseqError, match=f'{option.split("=")[0]} {problem}'):
@@ -329,7 +327,7 @@ def test_the_published_method_matches_as_published():
 
 
 @pytest.mark.parametrize('text', ['convseq-k1', 'convseq@single', 'convseq@k1', 'convseq-k10'])
-def test_so_many_frames_are_decided_by_their_margin(text):
+def test_methods_of_a_fixed_number_of_frames_decide_by_margin(text):
     config = make_method(parse_method(text), Config()).config
     assert config.sequence.fixed_length == (10 if '10' in text else 1) and not config.believes
     asked = make_method(parse_method(f'{text}+acceptance_rule=belief'), Config()).config

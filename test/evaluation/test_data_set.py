@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 
-def test_the_sets_of_the_paper_are_ready_made_and_say_where_their_images_belong(tmp_path):
+def test_the_papers_data_sets_are_ready_made_and_name_their_folder(tmp_path):
     names = 'alderley campus_loop corridor gardens_point_day_day gardens_point_day_night nordland'
     assert {*names.split()} <= set(ready_made())
     for name in ready_made():
@@ -31,7 +31,7 @@ def test_the_sets_of_the_paper_are_ready_made_and_say_where_their_images_belong(
         assert data_set.source
 
 
-def test_missing_images_of_a_ready_made_set_are_asked_for(tmp_path):
+def test_missing_images_of_a_ready_made_set_are_reported_with_the_remedy(tmp_path):
     with pytest.raises(SourceError, match=r'corridor/query is missing; put VPR-Bench') as caught:
         open_material(open_data_set('corridor', tmp_path), EncodingConfig())
     assert '\n' not in str(caught.value)
@@ -72,7 +72,7 @@ def yaml(**changes):
         ('a: [', 'not YAML'),
     ],
 )
-def test_what_cannot_be_understood_is_refused_in_one_line(street, text, problem):
+def test_an_invalid_data_set_file_is_refused_in_one_line(street, text, problem):
     with pytest.raises(ConfigError, match=problem) as caught:
         open_data_set(str(street.write(text)))
     assert '\n' not in str(caught.value)
@@ -195,7 +195,7 @@ def test_a_table_may_count_from_one_and_hold_tolerances(tmp_path):
         ('query,reference\n1,elsewhere\n', 'line 2 .1,elsewhere. names no frames'),
     ],
 )
-def test_a_table_that_cannot_be_understood_is_refused_in_one_line(tmp_path, text, problem):
+def test_an_invalid_table_of_pairs_is_refused_in_one_line(tmp_path, text, problem):
     with pytest.raises(SourceError, match=problem) as caught:
         read_pairs(write(tmp_path / 'gt.csv', text), NAMES, NAMES)
     assert '\n' not in str(caught.value)

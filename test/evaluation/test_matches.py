@@ -124,7 +124,7 @@ def test_a_place_is_shown_by_its_kept_image_or_else_its_thumbnail():
     assert picture_of(mapped(gray, 0), 0, 240) == b''
 
 
-def test_a_click_on_the_strip_or_an_arc_shows_the_nearest_pair_with_its_marks(page):
+def test_a_click_on_strip_or_arc_shows_the_nearest_pair_with_its_marks(page):
     first = shown(page).partition('<noscript>')[0]
     assert 'id="verdict" aria-live="polite" class="accepted"' in first
     assert '&lt;frame&gt; 1' in first

@@ -33,7 +33,7 @@ def numbers(*values):
     return np.array(values, float)
 
 
-def test_of_nothing_there_is_nothing():
+def test_without_answers_the_curve_is_empty_and_has_no_figures():
     curve = precision_recall(flags(), numbers())
     assert len(curve.threshold) == 0
     assert average_precision(curve) is None
@@ -96,7 +96,7 @@ def test_recall_at_n_counts_wrong_references_before_the_best_right_one(scores, r
     assert recall_at(np.array(scores), np.array(right, bool), (*expected,)) == expected
 
 
-def test_each_range_of_confidences_tells_how_many_and_how_often_right():
+def test_each_range_of_confidence_has_a_count_and_a_share_of_right_answers():
     table = reliability(numbers(0.5, 0.41, 0.99, 1.0), flags(1, 0, 1, 1))
     assert table == [
         {'low': 0.4, 'high': 0.6, 'count': 2, 'said': pytest.approx(0.455), 'right': 0.5},
@@ -140,7 +140,7 @@ def verdicts(**changes):
     return Verdicts(**(usual | changes))
 
 
-def test_figures_of_five_frames():
+def test_figures_of_five_frames_are_those_worked_by_hand():
     found = figures(verdicts(), 'score')
     assert found['accuracy_matched'] == pytest.approx(2 / 3)
     assert found['accuracy_all'] == pytest.approx(2 / 4)
@@ -159,7 +159,7 @@ def test_figures_of_five_frames():
     }
 
 
-def test_waits_for_the_first_right_closure_count_from_the_first_known_frame_of_each_half():
+def test_the_first_closure_is_counted_from_the_first_known_frame_of_a_half():
     assert first_closures(verdicts(), [''] * 5) == {'': 1}
     # The second half knows its first frame, whose answer is a slip, and no other.
     assert first_closures(verdicts(), ['first'] * 3 + ['last'] * 2) == {'first': 1, 'last': None}
@@ -172,7 +172,7 @@ def test_without_answers_there_are_no_figures():
     assert set(found.values()) == {None}
 
 
-def test_where_no_answer_is_right_though_one_could_be_figures_are_zero():
+def test_figures_are_zero_where_no_answer_is_right_though_one_exists():
     none = np.zeros(5, bool)
     for nothing in (verdicts(correct=none), verdicts(correct=none, matched=none)):
         assert figures(nothing, 'score')['auc_pr'] == 0
@@ -181,7 +181,7 @@ def test_where_no_answer_is_right_though_one_could_be_figures_are_zero():
     assert found['precision_at_100_recall'] is None
 
 
-def test_performance_per_compute_unit_by_hand():
+def test_performance_per_compute_unit_is_that_worked_by_hand():
     # log10(1 + 9) is 1, log10(91 + 9) is 2.
     assert performance_per_compute_unit(0.9, 50.0, 50.0) == pytest.approx(0.9)
     assert performance_per_compute_unit(0.9, 1.0, 91.0) == pytest.approx(1.8)
@@ -199,7 +199,7 @@ def test_each_method_of_a_set_is_compared_with_the_slowest_of_them():
     ]
 
 
-def test_a_threshold_lets_through_what_beats_all_wrong_answers():
+def test_the_threshold_accepts_the_answers_that_beat_all_wrong_ones():
     # By margin both right answers beat the wrong one, by score only one does.
     found = threshold_figures(verdicts(), [''] * 5)
     assert found == {
@@ -214,7 +214,7 @@ def test_a_threshold_lets_through_what_beats_all_wrong_answers():
     assert found['own_threshold'] == 0.85 and found['own_threshold_by'] == 'score'
 
 
-def test_where_no_answer_is_wrong_everything_is_taken():
+def test_without_a_wrong_answer_every_answer_is_accepted():
     found = threshold_figures(verdicts(correct=np.array([0, 1, 1, 1, 1], bool)), [''] * 5)
     assert found['own_threshold'] is None
     assert found['own_threshold_recall'] == 1

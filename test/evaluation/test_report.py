@@ -184,7 +184,7 @@ def test_missing_or_damaged_pictures_are_left_out(copy, tmp_path):
     assert 'matrix on' not in (tmp_path / 'page.html').read_text(encoding='utf-8')
 
 
-def test_of_very_many_frames_some_are_shown_with_a_note(results, page, tmp_path, monkeypatch):
+def test_a_report_of_many_frames_shows_some_with_a_note(results, page, tmp_path, monkeypatch):
     monkeypatch.setattr('convseq_ros.evaluation.report.page._MOST_FRAMES', NUM_FRAMES)
     write_report(read_runs([results]), tmp_path / 'small.html')
     text = (tmp_path / 'small.html').read_text(encoding='utf-8')
@@ -256,7 +256,9 @@ def test_damaged_file_is_named_in_one_line(copy, tmp_path, capsys, name, content
     assert not (tmp_path / 'page.html').exists()
 
 
-def test_what_cannot_be_done_is_said_in_one_line(copy, results, tmp_path, monkeypatch, capsys):
+def test_a_report_that_cannot_be_made_is_refused_in_one_line(
+    copy, results, tmp_path, monkeypatch, capsys
+):
     table = copy / 'street' / 'cohog' / 'frames.csv'
     table.write_text(table.read_text().replace('0.9000000', 'high', 1))
     output = ['--output', str(tmp_path / 'page.html')]

@@ -60,7 +60,7 @@ def test_the_caption_is_green_only_if_accepted():
 
 
 @pytest.mark.parametrize('small', [b'', b'not a jpeg'])
-def test_what_cannot_be_shown_is_a_grey_field(small):
+def test_an_unreadable_picture_is_shown_as_a_grey_field(small):
     picture = match_picture(Frame(9, None, problem='cut short'), SKIPPED, small, NONE)
     assert picture.shape == (264, 480, 3)
     assert (picture[24:] == 64).all()

@@ -34,7 +34,7 @@ def test_a_drawn_set_needs_no_files_and_is_the_same_every_time(street, quick):
     assert query.stamps_ns[1] - query.stamps_ns[0] == 100_000_000
 
 
-def test_what_is_drawn_is_part_of_its_checksum(tmp_path):
+def test_the_settings_of_a_drawn_set_change_its_checksum(tmp_path):
     one, same, other = (
         Images(Part(simulated=SimulatedDrive(street=1, seed=seed))).sha256 for seed in (1, 1, 2)
     )
@@ -52,7 +52,7 @@ def test_what_is_drawn_is_part_of_its_checksum(tmp_path):
         ({'street': -1}, 'seed: -1 is negative'),
     ],
 )
-def test_a_drive_that_makes_no_sense_is_refused(tmp_path, said, problem):
+def test_an_invalid_drive_is_refused(tmp_path, said, problem):
     with pytest.raises(ConfigError, match=problem) as caught:
         make_record(SimulatedDrive, said, 'set.yaml')
     assert '\n' not in str(caught.value) and 'set.yaml' in str(caught.value)
