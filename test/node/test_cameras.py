@@ -66,7 +66,7 @@ def filled(data: np.ndarray, encoding: str) -> Image:
 
 
 @pytest.mark.parametrize('driver', DRIVERS)
-def test_the_arguments_hear_the_driver(client, vpr, street, map_path, driver):
+def test_the_launch_arguments_of_a_driver_match_its_topics(client, vpr, street, map_path, driver):
     name, encoding, qos = DRIVERS[driver]
     image, info, depth, odometry = TOPICS[name]
     chosen = dict(SETS[name])
@@ -107,5 +107,5 @@ def test_the_arguments_hear_the_driver(client, vpr, street, map_path, driver):
     assert context.odometry._subscription.topic == (odometry or '/odom')
 
 
-def test_each_set_is_played():
+def test_every_set_of_camera_topics_is_tested():
     assert {name for name, *_ in DRIVERS.values()} == TOPICS.keys() == SETS.keys()

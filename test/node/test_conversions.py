@@ -20,7 +20,7 @@ MATCH = Match(11, STAMP_NS, Reason.ACCEPTED, CANDIDATES, sequence_length=4)
 
 
 @given(strategies.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
-def test_a_stamp_comes_back(stamp_ns):
+def test_a_stamp_is_the_same_after_conversion_to_ros_and_back(stamp_ns):
     assert stamp_to_ns(stamp_from_ns(stamp_ns)) == stamp_ns
 
 
@@ -32,7 +32,7 @@ def test_a_stamp_comes_back(stamp_ns):
         (-(2**63), -(2**31) * 10**9),
     ],
 )
-def test_a_stamp_that_ros_cannot_say_is_the_nearest_one(stamp_ns, nearest_ns):
+def test_a_stamp_out_of_ros_range_becomes_the_nearest_valid_one(stamp_ns, nearest_ns):
     assert stamp_to_ns(stamp_from_ns(stamp_ns)) == nearest_ns
     candidate = replace(CANDIDATES[0], reference_stamp_ns=stamp_ns)
     message = candidates_message(replace(MATCH, candidates=(candidate,)), {7: Place(0)}, 'm')
@@ -55,7 +55,7 @@ def relative(position_m):
         (None, (0.0, 0.0, 0.0), (0.0, 1.0), [1e6, 1e6, 1e6, 10.0, 10.0, 10.0]),
     ],
 )
-def test_a_closure_as_odometry_is_as_unsure_as_its_pose_is_unknown(
+def test_unmeasured_parts_of_a_closure_pose_have_a_large_covariance(
     measured, position, turn, variances
 ):
     two = places_of_two_drives()

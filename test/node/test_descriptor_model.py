@@ -33,7 +33,7 @@ def net_map(net, street, tmp_path):
     return tmp_path / 'net.db'
 
 
-def test_an_answer_says_what_the_model_took(client, vpr, net, net_map, street, image):
+def test_an_answer_has_the_time_of_the_model(client, vpr, net, net_map, street, image):
     vpr(map_path=net_map, descriptor_model=str(net), **PERIOD)
     answers = client.listen(DiagnosticArray, '/vpr_node/answer')
     told = client.listen(DiagnosticArray, '/diagnostics')

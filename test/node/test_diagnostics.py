@@ -35,7 +35,7 @@ def test_no_map_is_an_error_that_names_the_service(client, vpr):
     assert status.name == 'vpr_node: place recognition'
 
 
-def test_a_node_that_gets_images_is_well(client, vpr, map_path, street, image):
+def test_a_node_that_receives_images_is_ok(client, vpr, map_path, street, image):
     vpr(map_path=map_path, **PERIOD)
     client.camera(Image).publish(image(street[0], SECOND))
     status = status_with(client, 'recognising places')
@@ -44,7 +44,7 @@ def test_a_node_that_gets_images_is_well(client, vpr, map_path, street, image):
     assert {'received_hz', 'processed_hz', 'queue', 'dropped', 'latency_ms', 'last_reason'} <= keys
 
 
-def test_keyframes_by_odometry_that_nobody_sends_are_a_warning(
+def test_keyframes_by_odometry_without_odometry_are_a_warning(
     client, vpr, street, image, tmp_path
 ):
     path = tmp_path / 'spaced.db'
@@ -75,7 +75,7 @@ def test_a_node_with_the_same_name_is_a_warning(client, vpr, map_path):
     assert status.level == DiagnosticStatus.WARN
 
 
-def test_a_disabled_node_misses_nothing(client, vpr, map_path, impatient):
+def test_a_disabled_node_does_not_warn_of_missing_images(client, vpr, map_path, impatient):
     vpr(map_path=map_path, **PERIOD)
     client.call(SetBool, '/vpr_node/set_enabled', data=False)
     assert status_with(client, 'disabled').level == DiagnosticStatus.OK
@@ -88,7 +88,7 @@ def test_a_disabled_node_misses_nothing(client, vpr, map_path, impatient):
         ('/image', '/image has 1 publisher(s), but none sends'),
     ],
 )
-def test_images_that_do_not_come_are_a_warning_that_is_logged_once(
+def test_missing_images_are_a_warning_that_is_logged_once(
     client, vpr, map_path, impatient, capfd, topic, told
 ):
     client.node.create_publisher(Image, '/image', 1)
@@ -126,7 +126,7 @@ def test_a_camera_is_reported_once_each_time_that_it_stops(
         ('/cam', DiagnosticArray, '/cam', 'remap `image` to a topic of sensor_msgs/msg/Image'),
     ],
 )
-def test_images_of_another_type_are_named_with_the_remedy(
+def test_images_of_another_type_are_reported_with_the_remedy(
     client, vpr, map_path, impatient, named, kind, topic, remedy
 ):
     client.node.create_publisher(kind, topic, 1)
@@ -142,7 +142,7 @@ def test_a_map_whose_file_is_lost_is_an_error(client, vpr, tmp_path):
     assert status.level == DiagnosticStatus.ERROR
 
 
-def test_stamps_that_do_not_tell_when_an_image_was_taken_are_a_warning(
+def test_constant_or_whole_second_stamps_are_a_warning(
     client, vpr, map_path, street, image, capfd
 ):
     node = vpr(map_path=map_path, **PERIOD)

@@ -52,7 +52,7 @@ def test_the_only_camera_is_found_with_what_is_beside_it(client, vpr, street, im
     client.wait_for(lambda: node._statistics.processed == 1)
 
 
-def test_a_topic_of_jpegs_is_known_by_its_type_and_so_is_what_belongs_to_it(
+def test_a_topic_of_jpegs_and_its_calibration_are_found_by_type(
     client, vpr, street, image, map_path
 ):
     node = vpr('-r', 'image:=/phone/jpeg', map_path=map_path)
@@ -92,7 +92,7 @@ def test_several_cameras_are_named_and_none_is_taken(client, vpr, map_path, capf
     client.wait_for(is_said)
 
 
-def test_what_comes_on_the_usual_topic_is_taken_first(client, vpr, map_path):
+def test_the_default_image_topic_is_preferred(client, vpr, map_path):
     offered(client, (Image, '/other/image_raw'), (Image, '/image'))
     node = vpr(map_path=map_path)
     client.wait_for(lambda: node.count_publishers('/other/image_raw') and node._finder._last)
@@ -159,7 +159,7 @@ def test_each_robot_takes_its_own_camera_and_odometry(client, vpr, order):
             assert finder.cameras() == ['/robot2/camera/image_raw']  # that a person may choose
 
 
-def test_what_was_added_from_a_topic_that_is_given_up_leaves_the_map(
+def test_places_added_from_an_abandoned_topic_leave_the_map(
     client, vpr, street, image, map_path, tmp_path, capfd
 ):
     path = tmp_path / 'growing.db'

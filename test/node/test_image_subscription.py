@@ -37,7 +37,9 @@ def test_a_camera_that_is_named_twice_is_refused():
         image_subscriptions(node, NodeConfig(image_topics='/front /rear front'), Mock())
 
 
-def test_a_camera_that_comes_back_reliable_is_heard_reliably(client, vpr, street, image):
+def test_a_camera_that_returns_with_reliable_qos_gets_a_reliable_subscription(
+    client, vpr, street, image
+):
     node = vpr()
     camera = client.node.create_publisher(Image, '/image', BEST_EFFORT)
     wait_for_reliability(client, ReliabilityPolicy.BEST_EFFORT)
@@ -67,7 +69,7 @@ def held_up(node, client):
         ended.set()
 
 
-def test_what_the_history_has_no_room_for_is_counted(client, vpr, street, image):
+def test_images_lost_from_a_full_history_are_counted(client, vpr, street, image):
     node = vpr(queue_size=3)
     camera = client.camera(Image)
     camera.publish(image(street[0], 1))

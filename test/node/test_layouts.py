@@ -44,7 +44,7 @@ def published(vpr):
     return published_by(vpr())
 
 
-def test_layouts_follow_into_a_namespace_as_the_page_says(vpr, tmp_path):
+def test_the_pages_commands_move_the_layouts_into_a_namespace(vpr, tmp_path):
     page = (CONFIG.parent / 'docs' / 'howto' / 'launch.md').read_text(encoding='utf-8')
     commands = re.findall(r"^sed '.*$", page, re.MULTILINE)
     assert len(commands) == 2

@@ -47,7 +47,7 @@ def services_of(client):
     return {name for name, _ in found if name.startswith('/vpr_node/')}
 
 
-def test_images_are_heard_while_active_and_the_past_is_kept(
+def test_an_active_node_receives_images_and_a_pause_keeps_the_past(
     client, managed, map_path, street, image
 ):
     node, change, state = managed(map_path=map_path, fixed_length=2)
@@ -73,7 +73,7 @@ def test_images_are_heard_while_active_and_the_past_is_kept(
     assert [each.data for each in heard] == [-1, 4]
 
 
-def test_cleanup_lets_go_of_files_and_of_the_graph_and_all_begins_anew(
+def test_cleanup_releases_files_and_topics_and_the_node_can_start_again(
     client, managed, map_path, tmp_path, street, image
 ):
     table = tmp_path / 'result.csv'
@@ -95,9 +95,7 @@ def test_cleanup_lets_go_of_files_and_of_the_graph_and_all_begins_anew(
     assert 'worker' not in {thread.name for thread in threading.enumerate()}
 
 
-def test_cleanup_in_the_midst_of_warming_up_lets_go_of_the_map(
-    client, managed, tmp_path, monkeypatch
-):
+def test_cleanup_during_warm_up_releases_the_map(client, managed, tmp_path, monkeypatch):
     warming = threading.Event()
     node, change, state = managed(map_path=tmp_path / 'map.db', mode='online')
 
@@ -120,7 +118,7 @@ def test_a_map_that_cannot_be_opened_refuses_to_be_configured(client, managed, t
     assert not change(CONFIGURE)
 
 
-def test_a_transition_that_is_not_possible_is_refused_and_harms_nobody(client, managed, map_path):
+def test_an_impossible_transition_is_refused_and_the_state_stays(client, managed, map_path):
     _, change, state = managed(map_path=map_path)
     assert not change(ACTIVATE)
     assert not change(99)
@@ -129,7 +127,7 @@ def test_a_transition_that_is_not_possible_is_refused_and_harms_nobody(client, m
     assert state() == INACTIVE
 
 
-def test_inactive_it_answers_its_services_and_says_that_it_does_not_listen(
+def test_an_inactive_node_answers_services_and_reports_that_it_is_inactive(
     client, managed, map_path
 ):
     _, change, state = managed(map_path=map_path)
@@ -139,7 +137,7 @@ def test_inactive_it_answers_its_services_and_says_that_it_does_not_listen(
     assert change(Transition.TRANSITION_INACTIVE_SHUTDOWN) and state() == FINALIZED
 
 
-def test_what_nobody_foresaw_leaves_no_map_behind_that_is_owned(managed, tmp_path, monkeypatch):
+def test_an_unexpected_error_while_configuring_releases_the_map(managed, tmp_path, monkeypatch):
     _, change, state = managed(map_path=tmp_path / 'map.db', mode='online')
 
     def fail(*_):

@@ -19,7 +19,7 @@ def node(client):
     made.destroy_node()
 
 
-def test_messages_come_though_no_executor_spins(client, node):
+def test_messages_arrive_without_a_spinning_executor(client, node):
     heard = []
     subscription = FollowingSubscription(node, Int32, '/number', heard.append, 10)
     publisher = client.node.create_publisher(Int32, '/number', 10)

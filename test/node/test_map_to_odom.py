@@ -38,7 +38,7 @@ def test_the_transform_is_broadcast_at_most_20_times_a_second(transforms):
     assert (one.header.frame_id, one.child_frame_id) == ('map', 'odom')
 
 
-def test_a_second_publisher_of_the_transform_ends_the_broadcast_in_one_line(transforms):
+def test_a_second_publisher_of_the_transform_ends_the_broadcast_with_one_error(transforms):
     node, topics, made = transforms
     made.publish(SECOND, 'odom', np.eye(4))
     own = topics['/tf'].publish.call_args.args[0]

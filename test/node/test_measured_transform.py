@@ -38,7 +38,7 @@ def measure(made, seconds, true, drifted=None, has_position=True):
     made.transform.update(frame, Mock(relative_pose=relative), PoseEstimate(goal, NOISE))
 
 
-def test_odometry_carries_what_was_measured(made):
+def test_a_measured_transform_moves_with_odometry(made):
     made.odometry.on_pose(SECOND, 'odom')
     assert not made.sent and made.transform.values == {}
     measure(made, 1, at(3.0, 1.0, 0.2), has_position=False)
@@ -82,7 +82,7 @@ def test_one_wrong_pose_is_passed_over_and_a_moved_robot_is_followed(made):
     assert np.allclose(base, OFF @ matrix(at(37.0)), atol=1e-6)
 
 
-def test_a_clock_that_goes_back_begins_anew(made):
+def test_a_backward_clock_jump_restarts_the_measured_transform(made):
     measure(made, 100, at(1.0))
     measure(made, 5, at(2.0, 9.0, math.pi), at(0.0))
     made.odometry.on_pose(5 * SECOND, 'odom')

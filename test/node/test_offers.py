@@ -41,12 +41,12 @@ def test_a_robot_has_the_camera_of_its_namespace_alone():
     assert found(robots[:2]) == ['/robot1/camera/image_raw', '/robot2/camera/image_raw']
 
 
-def test_what_is_on_image_is_the_best():
+def test_the_topic_image_is_preferred():
     assert found(images('/camera/color/image_raw', '/image')) == ['/image']
     assert found(images('/r/a/image_raw', '/r/image'), '/r/') == ['/r/image']
 
 
-def test_of_the_forms_that_image_transport_sends_the_raw_one_is_taken():
+def test_the_raw_topic_of_image_transport_is_preferred():
     forms = jpegs(*(f'/camera/image_raw/{it}' for it in ('compressed', 'compressedDepth', 'zstd')))
     assert found([*forms, *images('/camera/image_raw')]) == ['/camera/image_raw']
     assert found(forms) == ['/camera/image_raw/compressed']
@@ -62,7 +62,7 @@ def test_depth_that_a_parameter_names_is_not_the_camera():
 
 
 @pytest.mark.parametrize('picture', ['/robot1/vpr_node/debug_image', '/drawn'])
-def test_what_a_vpr_node_publishes_is_left_out(picture):
+def test_topics_that_a_vpr_node_publishes_are_left_out(picture):
     offers = [Offer(picture, IMAGE, ('/robot1/vpr_node',)), *images('/robot1/vpr_node2/image')]
     left = without_ours(offers, ['/robot1/vpr_node/match_index', picture])
     assert left == offers[1:]
@@ -98,6 +98,6 @@ def test_the_calibration_beside_a_camera_outside_of_the_namespace_is_its_own():
         ('/robot1/', ['/robot1/a', '/robot1/b'], ['/robot1/a', '/robot1/b']),
     ],
 )
-def test_odometry_is_that_of_the_robot(namespace, offered, taken):
+def test_odometry_of_the_robots_namespace_is_taken(namespace, offered, taken):
     search = Search(odometries(*offered), namespace)
     assert search.odometries('/robot1/camera/image_raw') == taken

@@ -35,7 +35,7 @@ def drive(camera, street, image, places, begin_s=LATER_S):
         camera.publish(image(street[place], (begin_s + number) * SECOND))
 
 
-def test_the_second_round_closes_the_loop_for_lio_sam_after_30_s_and_the_map_is_on_disk(
+def test_the_second_round_closes_loops_after_30_s_and_the_map_is_saved(
     client, vpr, street, image, tmp_path
 ):
     path = tmp_path / 'new.db'
@@ -66,7 +66,7 @@ def test_the_second_round_closes_the_loop_for_lio_sam_after_30_s_and_the_map_is_
     client.wait_for(lambda: len(open_map(path)) == 35, 'the file to be complete')
 
 
-def test_whoever_looks_late_sees_all_closures_and_then_what_is_new(client, vpr, image, tmp_path):
+def test_a_late_subscriber_gets_all_closures_and_then_the_new_ones(client, vpr, image, tmp_path):
     node, shown = vpr(map_path=tmp_path / 'new.db', odom_wait_s=5.0, **ONLINE), []
     street = walls(33)
     odom, camera = client.camera(Odometry, '/odom'), client.camera(Image)
@@ -81,7 +81,7 @@ def test_whoever_looks_late_sees_all_closures_and_then_what_is_new(client, vpr, 
             shown.append(place)
         client.wait_for(lambda: node._statistics.processed == len(shown))
 
-    def seen(drawn, place):
+    def drawn_at(drawn, place):
         drawn.clear()
         show(place)
         client.wait_for(lambda: drawn)
@@ -91,17 +91,17 @@ def test_whoever_looks_late_sees_all_closures_and_then_what_is_new(client, vpr, 
         show(*places)
     drawn = client.listen(MarkerArray, '/vpr_node/markers')
     client.wait_until_known_to('/vpr_node')
-    everything = seen(drawn, 30)
+    everything = drawn_at(drawn, 30)
     assert everything.keys() == {'match', 'loop_nodes', 'loop_edges', 'places'}
     edges = [(point.x, point.y) for point in everything['loop_edges'].points]
     assert edges == [(float(place), 0.0) for place in range(10) for _ in range(2)]
     assert len(everything['places'].points) >= 20
     assert everything['match'].action == Marker.DELETE
-    assert seen(drawn, 31).keys() == {'match'}
-    assert seen(drawn, 11).keys() == {'match', 'loop_nodes', 'loop_edges'}
+    assert drawn_at(drawn, 31).keys() == {'match'}
+    assert drawn_at(drawn, 11).keys() == {'match', 'loop_nodes', 'loop_edges'}
     client.listen(MarkerArray, '/vpr_node/markers')
     client.wait_until_known_to('/vpr_node')
-    assert seen(drawn, 32).keys() == everything.keys()
+    assert drawn_at(drawn, 32).keys() == everything.keys()
 
 
 def test_the_places_of_yesterday_are_recognised_but_close_no_loop_of_today(
@@ -207,7 +207,7 @@ def test_a_node_that_does_not_start_leaves_the_map_to_others(vpr, tmp_path):
     vpr(map_path=tmp_path / 'new.db', **ONLINE)
 
 
-def test_diagnostics_say_so_for_as_long_as_the_map_cannot_be_written(
+def test_diagnostics_report_an_error_while_the_map_cannot_be_written(
     client, vpr, street, image, tmp_path
 ):
     path, away = tmp_path / 'new.db', tmp_path / 'away.db'
@@ -234,7 +234,9 @@ def test_diagnostics_say_so_for_as_long_as_the_map_cannot_be_written(
     client.wait_for(lambda: diagnostics[-1].status[0].level == DiagnosticStatus.OK, 'its end')
 
 
-def test_it_is_ready_when_it_is_warm(client, vpr, map_path, street, image, monkeypatch, capfd):
+def test_the_node_subscribes_to_images_after_warming_up(
+    client, vpr, map_path, street, image, monkeypatch, capfd
+):
     warm = threading.Event()
     warm_up = Pipeline.warm_up
 

@@ -116,7 +116,7 @@ def mapped(tmp_path_factory):
     return folder
 
 
-def test_the_recording_tells_what_the_table_does(mapped, tmp_path):
+def test_the_recorded_answers_hold_the_values_of_the_table(mapped, tmp_path):
     drive = [str(mapped / 'drive'), '--map', str(mapped / 'm.db'), '--output']
     assert main(['replay', *drive, str(tmp_path / 'x.mcap')]) == 0
     assert main(['replay', *drive, str(tmp_path / 'x.csv')]) == 0

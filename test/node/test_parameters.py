@@ -99,14 +99,14 @@ def test_a_whole_number_will_do_for_a_float(declared, text):
         ('image_size_px:=500', 'image_size_px: 500 is not a multiple'),
     ],
 )
-def test_a_wrong_start_is_refused_in_one_line(declared, argument, reason):
+def test_a_wrong_initial_parameter_is_refused_in_one_line(declared, argument, reason):
     with pytest.raises(ConfigError) as error:
         declared('-p', argument)
     assert reason in str(error.value)
     assert '\n' not in str(error.value)
 
 
-def test_parameters_of_ros_itself_are_let_be(declared):
+def test_parameters_of_ros_itself_are_accepted(declared):
     node = declared(
         '-p',
         'use_sim_time:=true',

@@ -175,7 +175,7 @@ def test_a_node_on_the_time_of_the_recording_survives_a_loop(client, start, reco
     assert indices[:12] == [-1, 3, 4, 5, 6, 7, 8, 9, -1, 3, 4, 5]
 
 
-def test_it_plays_to_nobody_if_told_so(start, recording):
+def test_a_recording_is_played_without_subscribers_if_none_are_required(start, recording):
     process = start('player', recording, '--wait-subscribers', 0, '--rate', 100, '--best-effort')
     assert process.communicate(timeout=180) == ('', '')
     assert process.returncode == 0
@@ -193,7 +193,9 @@ def test_it_plays_to_nobody_if_told_so(start, recording):
         ('drive --remap /camera:=/a//b', 2, 'Invalid topic name'),
     ],
 )
-def test_what_cannot_be_played_says_why(start, recording, words, code, reason):
+def test_a_recording_that_cannot_be_played_is_refused_with_the_reason(
+    start, recording, words, code, reason
+):
     process = start('player', *words.split())
     _, errors = process.communicate(timeout=180)
     assert process.returncode == code

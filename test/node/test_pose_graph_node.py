@@ -276,7 +276,7 @@ def test_a_message_that_is_no_closure_is_left_out_and_reported(graph_node, chang
     assert node.get_logger().warning.call_count == 2
 
 
-def test_a_reset_and_a_clock_that_goes_back_are_reported(graph_node, monkeypatch):
+def test_an_odometry_reset_and_a_backward_clock_jump_are_reported(graph_node, monkeypatch):
     node = graph_node()
     monkeypatch.setattr(node, 'get_logger', Mock())
     drive(node, last=30)
@@ -290,7 +290,7 @@ def test_a_reset_and_a_clock_that_goes_back_are_reported(graph_node, monkeypatch
     assert node._graph.counts['keyframes'] == 6
 
 
-def test_without_gtsam_it_is_one_line(tmp_path):
+def test_a_pose_graph_node_without_gtsam_ends_with_one_line(tmp_path):
     pytest.importorskip('rclpy')
     (tmp_path / 'gtsam.py').write_text('raise ImportError("none")\n')
     paths = os.pathsep.join([str(tmp_path), *sys.path])
@@ -304,6 +304,6 @@ def test_without_gtsam_it_is_one_line(tmp_path):
 # TF: tf2_msgs is not on PyPI, so what would be on /tf is recorded.
 
 
-def test_the_files_of_a_package_start_it():
+def test_the_pose_graph_node_has_its_two_executables():
     assert (Path(sys.prefix) / 'bin' / 'pose_graph_node').is_file()
     assert (Path(sys.prefix) / 'lib' / 'convseq_ros' / 'pose_graph_node').is_file()

@@ -205,7 +205,7 @@ def test_the_public_surface_is_as_promised(surface):
         (2, ['no-such-command']),
     ],
 )
-def test_the_exit_code_says_what_went_wrong(code, words, capsys):
+def test_the_exit_code_separates_errors_from_wrong_usage(code, words, capsys):
     try:
         ended = main(words)
     except SystemExit as end:
@@ -246,7 +246,7 @@ def test_the_policy_names_what_the_node_uses(client, vpr):
     assert not used(node.get_client_names_and_types_by_node)
 
 
-def test_security_that_cannot_be_had_is_one_line(tmp_path):
+def test_invalid_security_files_end_the_start_with_an_error(tmp_path):
     enclave = tmp_path / 'enclaves' / 'vpr_node'
     enclave.mkdir(parents=True)
     certificates = 'identity_ca.cert.pem cert.pem key.pem permissions_ca.cert.pem'

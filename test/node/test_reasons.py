@@ -44,7 +44,7 @@ DRIVES = {
 
 
 @pytest.fixture
-def seen(street, image):
+def message_of(street, image):
     """Return a maker of messages."""
 
     def make(what, stamp_s):
@@ -61,7 +61,7 @@ def seen(street, image):
 
 @pytest.mark.parametrize('drive', DRIVES)
 def test_a_reason_is_written_to_the_table_and_counted(
-    client, vpr, street_map, seen, tmp_path, drive
+    client, vpr, street_map, message_of, tmp_path, drive
 ):
     count, parameters, views, expected = DRIVES[drive]
     if count:
@@ -76,7 +76,7 @@ def test_a_reason_is_written_to_the_table_and_counted(
     camera = client.camera(Image)
     for second, view in enumerate(views):
         stamp_s, what = view if isinstance(view, tuple) else (second, view)
-        camera.publish(seen(what, stamp_s))
+        camera.publish(message_of(what, stamp_s))
 
     def values():
         return {item.key: item.value for item in diagnostics[-1].status[0].values}
@@ -93,7 +93,7 @@ def test_a_reason_is_written_to_the_table_and_counted(
     assert counted == Counter(reasons)
 
 
-def test_no_reason_was_forgotten():
+def test_every_reason_is_tested():
     shown = {reason for *_, expected in DRIVES.values() for reason in expected.split()}
     # One needs odometry that slips: see test/core.
     assert shown | {Reason.IMPLAUSIBLE} == set(Reason)

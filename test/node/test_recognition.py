@@ -108,7 +108,7 @@ def test_each_kind_of_unreadable_image_is_logged_once_and_counted_every_time(set
     assert setup.statistics.unreadable == 4
 
 
-def test_whoever_makes_up_new_faults_fills_no_log(setup, image, gray):
+def test_at_most_20_kinds_of_image_faults_are_logged(setup, image, gray):
     for number in range(100):
         message = image(gray, 1)
         message.encoding = f'mono{number + 100}'
@@ -116,7 +116,7 @@ def test_whoever_makes_up_new_faults_fills_no_log(setup, image, gray):
     assert len(setup.logger.warning.call_args_list) == 20
 
 
-def test_what_fails_while_the_node_stops_is_nobodys_business(setup, image, gray, path):
+def test_errors_while_the_node_stops_are_not_logged(setup, image, gray, path):
     setup.ros_is_up.return_value = False
     setup.recognition.publish = Mock(side_effect=RuntimeError('context is invalid'))
     setup.handle(image(gray, 1), 0)
@@ -125,7 +125,7 @@ def test_what_fails_while_the_node_stops_is_nobodys_business(setup, image, gray,
     assert len(read_results(path)) == 1
 
 
-def test_numbers_go_on_when_the_map_changes(setup, image, gray):
+def test_query_numbers_continue_when_the_map_changes(setup, image, gray):
     setup.handle(image(gray, 1), 0)
     setup.recognition.swap(Pipeline(None, CONFIG))
     setup.handle(image(gray, 1), 1)

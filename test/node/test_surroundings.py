@@ -96,7 +96,7 @@ def test_bad_camera_info_is_one_warning_and_no_camera(client, frames, street, im
     assert ''.join(capfd.readouterr()).count('are not those of a camera') == 1
 
 
-def test_camera_info_that_was_sent_once_before_the_node_started_is_heard(client, vpr, map_path):
+def test_latched_camera_info_sent_before_the_start_is_received(client, vpr, map_path):
     latched = client.node.create_publisher(CameraInfo, '/camera_info', LATCHED)
     latched.publish(camera_info())
     node = vpr(map_path=map_path)
@@ -135,7 +135,7 @@ def test_an_image_waits_for_its_odometry(monkeypatch):
     assert found[0].position[0] == 0.5
 
 
-def test_it_waits_a_moment_only_and_goes_on_from_the_last_two():
+def test_a_pose_is_extrapolated_from_the_last_two_after_a_short_wait():
     with pytest.MonkeyPatch.context() as patch:
         tracked = Tracked(patch, wait_s=0.001)
         tracked.hear(odometry(0, SECOND))
@@ -159,7 +159,7 @@ def test_odometry_that_stopped_or_never_came_holds_up_nothing(monkeypatch):
     assert announced.odometry.pose_at(SECOND) is None
 
 
-def test_after_three_waits_in_vain_no_image_waits_until_odometry_comes_again(monkeypatch):
+def test_after_three_vain_waits_images_do_not_wait_until_odometry_returns(monkeypatch):
     tracked = Tracked(monkeypatch, wait_s=0.001)
     tracked.hear(odometry(0, SECOND))
     for _ in range(3):
@@ -253,7 +253,7 @@ def node():
     return SimpleNamespace(get_logger=lambda: logger, said=said)
 
 
-def test_a_lens_that_looks_ahead_is_a_camera_that_is_not_turned(node, monkeypatch):
+def test_a_lens_frame_that_looks_ahead_gives_a_mount_without_rotation(node, monkeypatch):
     tf = SimpleNamespace(Buffer=Buffer, TransformListener=lambda _buffer, _node: None)
     monkeypatch.setitem(sys.modules, 'tf2_ros', tf)
     mount = Mount(node, 'base_link')

@@ -81,7 +81,7 @@ def test_a_topic_is_used_when_two_looks_agree(graph):
     assert [change.topics for change in world.changes] == [{'image': '/a/image_raw'}]
 
 
-def test_only_what_replaces_a_wrong_topic_takes_its_data_back(graph):
+def test_only_a_topic_change_that_replaces_a_wrong_one_removes_its_data(graph):
     world = graph()
     world.add('/lidar/nearir_image')
     world.add('/wheels/odom', ODOMETRY)
@@ -143,7 +143,7 @@ def test_an_equal_camera_changes_nothing_and_is_logged_once(graph):
     )
 
 
-def test_two_better_cameras_leave_the_choice_to_a_person(graph):
+def test_two_better_cameras_do_not_replace_the_current_one(graph):
     world = graph()
     world.add('/lidar/nearir_image')
     world.offers += [Offer('/left/image_raw', IMAGE), Offer('/right/image_raw', IMAGE)]
@@ -160,7 +160,7 @@ def test_two_better_cameras_leave_the_choice_to_a_person(graph):
         ({'remapped': {'image': '/mine', 'camera_info': '/i', 'odom': '/o'}.items()}, []),
     ],
 )
-def test_what_a_person_chose_stays_and_the_rest_is_found(graph, options, left):
+def test_chosen_topics_stay_and_the_others_are_found(graph, options, left):
     world = graph(**options)
     before = dict(world.used)
     for topic in ('/mine/image_raw', '/other/image_raw'):

@@ -108,7 +108,7 @@ def test_a_second_signal_while_it_ends_changes_nothing(client, start, map_path):
         ({'map_path': 'two\nlines'}, 'two lines: no such map'),
     ],
 )
-def test_a_node_that_cannot_start_says_why_in_one_line(start, parameters, reason):
+def test_a_node_that_cannot_start_gives_the_reason_in_one_line(start, parameters, reason):
     process = start('vpr_node', **parameters)
     _, errors = process.communicate(timeout=180)
     assert process.returncode == 1
@@ -125,7 +125,7 @@ def test_a_node_that_cannot_start_says_why_in_one_line(start, parameters, reason
         ('image:=1a', "'-r image:=1a'. Error: error not set; check the words after --ros-args"),
     ],
 )
-def test_a_remap_that_ros_cannot_take_is_one_line(start, word, reason):
+def test_an_invalid_remap_is_refused_in_one_line(start, word, reason):
     process = start('vpr_node', '-r', word)
     _, errors = process.communicate(timeout=180)
     assert process.returncode == 1

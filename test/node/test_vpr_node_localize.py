@@ -37,7 +37,9 @@ def answers(client, futures):
     return [future.result() for future in futures]
 
 
-def test_all_who_asked_are_answered_on_the_frame_that_localises(client, vpr, map_path, show, ask):
+def test_all_waiting_localize_calls_are_answered_by_the_localising_frame(
+    client, vpr, map_path, show, ask
+):
     vpr(map_path=map_path, fixed_length=1, localize_timeout_s=60.0)
     show(3)
     futures = ask(2)
@@ -80,7 +82,7 @@ def test_every_change_of_the_state_is_published_and_latched_with_one_initial_pos
     assert last[0].header.frame_id == 'map' and last[0].pose.covariance[0] > 0
 
 
-def test_many_who_wait_take_no_threads_and_too_many_are_reported(
+def test_waiting_localize_calls_take_no_threads_and_too_many_are_refused(
     client, vpr, map_path, show, ask, monkeypatch
 ):
     monkeypatch.setattr(localization, '_MOST_CALLS', 5)
@@ -96,14 +98,14 @@ def test_many_who_wait_take_no_threads_and_too_many_are_reported(
     assert sum(one.success for one in answers(client, futures)) == 5
 
 
-def test_without_images_it_says_so(client, vpr, map_path, ask):
+def test_localize_without_images_reports_that_none_come(client, vpr, map_path, ask):
     vpr(map_path=map_path, localize_timeout_s=0.1)
     (answer,) = answers(client, ask())
     assert not answer.success
     assert answer.message.startswith('no images: /image has no publisher')
 
 
-def test_without_a_map_or_when_disabled_it_says_so_at_once(client, vpr, ask, map_path):
+def test_localize_without_a_map_or_when_disabled_fails_at_once(client, vpr, ask, map_path):
     vpr(localize_timeout_s=3600.0)
     (answer,) = answers(client, ask())
     assert not answer.success

@@ -57,7 +57,7 @@ def test_a_map_that_cannot_be_loaded_leaves_the_old_one(
     assert show(3) == 3
 
 
-def test_a_map_is_saved_where_the_parameter_says(client, vpr, street_map, map_path, tmp_path):
+def test_save_map_path_decides_where_a_map_is_saved(client, vpr, street_map, map_path, tmp_path):
     vpr(map_path=map_path)
     answer = client.call(Trigger, '/vpr_node/save_map')
     assert (answer.success, answer.message.split(';')[0]) == (False, 'save_map_path is empty')
@@ -78,7 +78,7 @@ def test_a_map_is_saved_where_the_parameter_says(client, vpr, street_map, map_pa
         ('locked/copy.db', 'is read-only'),
     ],
 )
-def test_a_map_that_cannot_be_saved_is_one_line(
+def test_a_map_that_cannot_be_saved_is_reported_in_one_line(
     client, vpr, show, map_path, tmp_path, monkeypatch, name, told
 ):
     os.mkfifo(tmp_path / 'pipe')
@@ -95,7 +95,7 @@ def test_a_map_that_cannot_be_saved_is_one_line(
     assert show(3) == 3
 
 
-def test_what_nobody_foresaw_fails_the_service_and_not_the_node(
+def test_an_unexpected_error_fails_the_service_but_not_the_node(
     client, vpr, show, map_path, tmp_path, monkeypatch, capfd
 ):
     vpr(map_path=map_path, save_map_path=tmp_path / 'copy.db', fixed_length=1)

@@ -106,7 +106,7 @@ def test_compressed_images_are_recognised(client, vpr, map_path, street):
     assert [message.data for message in heard] == [-1, 1, 2, 3, 4]
 
 
-def test_the_debug_image_is_made_for_whoever_looks(client, vpr, map_path, street, image):
+def test_the_debug_image_is_published_to_subscribers(client, vpr, map_path, street, image):
     vpr(map_path=map_path, fixed_length=1)
     indices = client.listen(Int32, '/vpr_node/match_index')
     camera = client.camera(Image)

@@ -41,7 +41,7 @@ def busy(gate):
     return make
 
 
-def test_what_waits_is_bounded_in_bytes_and_the_newest_stays(busy, gate):
+def test_the_queue_is_bounded_in_bytes_and_keeps_the_newest_item(busy, gate):
     worker, handled = busy(100, queue_bytes=10, size=1000)
     for item in range(1, 6):
         worker.put(item, 4)
@@ -71,7 +71,7 @@ def test_the_oldest_items_are_dropped_and_counted(busy, gate):
     assert worker.stop(LIMIT_S)
 
 
-def test_it_ends_with_the_last_action_after_the_item_at_hand_also_if_nobody_waits(busy, gate):
+def test_the_worker_ends_with_its_last_action_though_nobody_waits(busy, gate):
     ended = threading.Event()
     worker, handled = busy(3, at_end=ended.set)
     worker.put(1)
