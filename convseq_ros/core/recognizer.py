@@ -133,38 +133,45 @@ class PlaceRecognizer:
         if verdict.reason:
             repeated = self._as_match(frame, self._repeated(verdict.reason))
             return with_shift_and_yaw(repeated, frame, self.reference_map)
+        # 3. A descriptor model describes the keyframe as well (ours).
         descriptor = self.first_stage.add(frame, verdict.descriptor)
         self.model_ms = self.first_stage.duration_ms
         if not self._links:
             self.mapping.add(frame, descriptor)
             return self._as_match(frame, Answer(self.mapping.nothing_usable))
-        # 3 and 4: the buffer, and the decision.
-        answer = self._decide(frame, descriptor, verdict.missing)
-        # 5. An accepted match gets its pose relative to the place (ours).
-        match = self._as_match(frame, answer, self.buffer.pairs_scored)
-        match = self._last = self._complete(match, frame)
-        # 6. The map grows (ours); then the camera has its pose in it.
+        # 4. III-A: it joins the rolling buffer; dropped ones leave empty slots.
+        usable = self.mapping.usable  # places [0, usable) may match
+        self.buffer.add_empty(verdict.missing, self._blank, self._capacity)
+        self.buffer.append(descriptor, usable, self._capacity)
+        # 5. III-D to III-G, or the Bayes filter: is the best of the likely places a match?
+        answer = self._decide(frame, usable, verdict.missing)
+        # 6. An accepted match gets its pose relative to the place (ours).
+        match = self._last = self._measured(frame, answer)
+        # 7. The map grows (ours); then the camera has its pose in it.
         self.mapping.add(frame, descriptor, match)
         match = with_shift_and_yaw(match, frame, self.reference_map)
         return with_pose(match, self.buffer.row, self.reference_map.places)
 
-    def _decide(self, frame: Frame, descriptor: Descriptor, missing: int) -> Answer:
-        """Return the answer to a keyframe, after `missing` dropped ones."""
-        buffer = self.buffer
-        # 3. III-A: the newest frame joins the rolling buffer; a dropped one leaves an empty slot.
-        buffer.add_empty(missing, self._blank, self._capacity)
-        usable = self.mapping.usable  # places [0, usable) may match
-        buffer.append(descriptor, usable, self._capacity)
-        if buffer.newest.features is None:
+    def _decide(self, frame: Frame, usable: int, missing: int) -> Answer:
+        """Return the answer to the newest keyframe; matches are apart in time."""
+        if self.buffer.newest.features is None:
             return Answer(Reason.UNINFORMATIVE)
         if not usable:
             return Answer(self.mapping.nothing_usable)
-        # 4. III-D to III-G, or the Bayes filter: is the best of the likely places a match?
         start = self.mapping.session_start
-        return self.decider.decide(Query(frame, buffer, usable, start, self.config, missing))
+        query = Query(frame, self.buffer, usable, start, self.config, missing)
+        answer = self.decider.decide(query)
+        if answer.reason is not Reason.ACCEPTED:
+            return answer
+        interval_ns = round(self.config.acceptance.closure_interval_s * 1e9)
+        if self._accepted_ns is not None and frame.stamp_ns - self._accepted_ns < interval_ns:
+            return replace(answer, reason=Reason.COOL_DOWN)
+        self._accepted_ns = frame.stamp_ns
+        return answer
 
-    def _complete(self, match: Match, frame: Frame) -> Match:
-        """Measure the shift; accept a match, unless it follows the last one too soon."""
+    def _measured(self, frame: Frame, answer: Answer) -> Match:
+        """Return an answer as a match, with the shift of its best place; if accepted, its pose."""
+        match = self._as_match(frame, answer, self.buffer.pairs_scored)
         features = self.buffer.newest.features
         if features is None or not match.candidates:
             return match
@@ -173,10 +180,6 @@ class PlaceRecognizer:
         match = replace(match, candidates=(best, *others))
         if match.reason is not Reason.ACCEPTED:
             return match
-        interval_ns = round(self.config.acceptance.closure_interval_s * 1e9)
-        if self._accepted_ns is not None and frame.stamp_ns - self._accepted_ns < interval_ns:
-            return replace(match, reason=Reason.COOL_DOWN)
-        self._accepted_ns = frame.stamp_ns
         pose, places = self._poses.measure(features, frame, best), self.reference_map.places
         place = places[self.reference_map.links.anchor(best.reference_index)]
         anchor = Anchor(self.reference_map.sessions[place.session].id, place.stamp_ns)
@@ -220,17 +223,18 @@ class PlaceRecognizer:
         return order is Order.LATE
 
     def _described(self, frame: Frame, descriptor: Descriptor | None) -> Descriptor:
-        if descriptor is None and frame.gray is not None:
-            return describe(frame.gray, self._encoding)
-        return descriptor or self._blank
+        """Return the descriptor of a readable frame."""
+        if descriptor is None:
+            assert frame.gray is not None
+            descriptor = describe(frame.gray, self._encoding)
+        return descriptor
 
     def _leave_slot(self, frame: Frame) -> None:
         """Leave an empty slot in the sequence for an unreadable frame, if it is a keyframe."""
-        verdict = self.gate.check(frame.stamp_ns, frame.pose, lambda: self._blank)
-        if verdict.reason is None:
+        missing = self.gate.check_unreadable(frame.stamp_ns, frame.pose)
+        if missing is not None:
             self._last = None
-            self.mapping.follow(verdict.passed)
-            for empty in (verdict.missing, 1):
+            for empty in (missing, 1):
                 self.buffer.add_empty(empty, self._blank, self._capacity)
 
     @property

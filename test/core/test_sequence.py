@@ -197,27 +197,6 @@ def test_frames_that_never_came_hold_their_places_and_more_than_five_empty_the_b
     assert len(buffer) == 0
 
 
-@pytest.mark.parametrize(
-    ('first', 'second', 'expected'),
-    [
-        ((4, 3), (4, 3), 0),
-        ((4, 3), (5, 0), 0.4),
-        ((3, 4), (5, 0), 0.8),
-        ((0, 5), (5, 0), 1),
-        ((-5, 0), (5, 0), 1),
-        ((0, 0), (5, 0), 1),
-    ],
-)
-def test_novelty_grows_to_one_as_the_cosine_falls_to_one_half(first, second, expected):
-    rows = [np.array([one], np.int8) for one in (second, first)]
-    features = [SimpleNamespace(packed=SimpleNamespace(rows=one)) for one in rows]
-    buffer = QueryBuffer(SimpleNamespace(extract=lambda _: features.pop()))
-    append(buffer)
-    assert buffer.novelty == 1
-    append(buffer)
-    assert buffer.novelty == pytest.approx(expected)
-
-
 def drawn(seed, frames=1):
     return np.random.default_rng(seed).normal(0.1, 0.01, (frames, REFERENCES)).astype(np.float32)
 
@@ -241,24 +220,3 @@ def test_no_more_than_eight_are_rescored_and_none_twice():
         buffer.best_scores(1, np.arange(REFERENCES))
     assert len(matcher.rescored) == len(set(matcher.rescored))
     assert 8 <= len(matcher.rescored) < 16
-
-
-@pytest.mark.parametrize(
-    ('evidence', 'length'),  # newest first
-    [
-        ([5.0], 1),
-        ([0.0, 0.0, 0.0], 1),
-        ([9.0, 1.0, 0.0], 1),
-        ([8.9, 1.0, 0.1], 2),
-        ([1.0] * 10, 9),
-        ([0.0, 0.0, 4.0, 1.0], 4),
-        ([0.0, 0.0, 4.0, 0.4], 3),
-        ([1.0] * 10 + [900.0], 9),  # the last one has left the buffer
-    ],
-)
-def test_k_is_how_many_of_the_newest_frames_carry_nine_tenths_of_the_evidence(evidence, length):
-    buffer = QueryBuffer(SimpleNamespace(extract=lambda _: None))
-    for one in reversed(evidence):
-        buffer.append(frame(informative=False), 3, 10)
-        buffer.add_evidence(one)
-    assert buffer.evidence_length == length

@@ -8,6 +8,7 @@ from convseq_ros.config import Config
 from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.comparison import Comparer
 from convseq_ros.core.decision.decider import Answer, candidate, distinct_peaks, Query
+from convseq_ros.core.decision.evidence import evidence_length, novelty
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import strength_of, UNVERIFIED
 from convseq_ros.core.decision.motion import MotionModel
@@ -41,7 +42,7 @@ class BeliefDecider:
     ) -> None:
         matching, robot = config.matching, config.robot
         both, error = matching.both_directions, robot.odometry_way_error
-        self._map, self._coarse, self._near = reference_map, coarse, Neighbourhood(reference_map)
+        self._map, self._near = reference_map, Neighbourhood(reference_map)
         self._usual = UsualLead()
         self._belief = Belief(reference_map, MotionModel(reference_map, both, error), self._usual)
         self._jumps = OdometryJumps()
@@ -72,7 +73,6 @@ class BeliefDecider:
     def decide(self, query: Query) -> Answer:
         """Return the likeliest places; the confidence is the mass of the first."""
         frame, belief, newest = query.frame, self._belief, query.buffer.newest.descriptor
-        self._coarse.update(newest, query.usable)
         self._usual.difference = self._witness.difference(frame, newest, query.usable)
         if query.missing > BUFFER.longest_gap:
             belief.reset()
@@ -80,10 +80,11 @@ class BeliefDecider:
         if self._jumps.observe(frame.stamp_ns, pose):  # the step of a jump is unknown
             belief.motion.forget_pose()
             self._prior.forget_poses()
-        belief.motion.move(pose, query.missing, query.buffer.novelty)
+        new = novelty(query.buffer.frames)
+        belief.motion.move(pose, query.missing, new)
         self._prior.move(frame.stamp_ns, pose)
         belief.predict(query.usable, query.session_start)
-        observed = self._observer.observe(query, belief)
+        observed = self._observer.observe(query, belief, new)
         entry = self._prior.entry_prior(observed.places, query.session_start)
         belief.update(
             observed.places,
@@ -93,7 +94,7 @@ class BeliefDecider:
             query.session_start,
             observed.keypoints,
         )
-        query.buffer.add_evidence(self._evidence(observed))
+        query.buffer.note_evidence(self._evidence(observed))
         return self._answer(query, observed)
 
     def _evidence(self, observed: Observation) -> float:
@@ -105,7 +106,7 @@ class BeliefDecider:
 
     def _answer(self, query: Query, observed: Observation) -> Answer:
         belief, config = self._belief, query.config.acceptance
-        length = query.buffer.evidence_length
+        length = evidence_length(query.buffer.frames)
         if not len(belief.places):
             return Answer(Reason.WEAK, (), length, 0.0)
         best = int(belief.places[belief.mass.argmax()])
@@ -180,7 +181,7 @@ class BeliefDecider:
 
     def _score(self, index: int, query: Query) -> float:
         """Return the mean of the pair scores along the diagonal that ends at a place."""
-        rows = query.buffer.rows[: query.buffer.evidence_length]
+        rows = query.buffer.rows[: evidence_length(query.buffer.frames)]
         velocity = self._belief.velocity(index)
         first, end = self._map.bounds.span(index)
         met = zip(rows, diagonal(len(rows), velocity or 1e-9), strict=True)

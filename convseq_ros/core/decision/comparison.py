@@ -69,12 +69,14 @@ class Comparer:
         """Compare frames with fewer places from now on: the drive has its first match."""
         self._frames = COMPARED.first_frames
 
-    def compare(self, buffer: QueryBuffer, predicted: Sequence[int]) -> Comparison:
+    def compare(self, buffer: QueryBuffer, usable: int, predicted: Sequence[int]) -> Comparison:
         """
         Compare the newest frame of a buffer with places, among them the `predicted` ones.
 
-        `predicted` are the likeliest, best first. An uninformative frame is compared with none.
+        The first `usable` places may be matched. `predicted` are the likeliest, best first. An
+        uninformative frame is compared with none.
         """
+        self._coarse.update(buffer.newest.descriptor, usable)
         features, before = buffer.newest.features, np.array(predicted[: COMPARED.peaks], np.int64)
         if features is None:
             return Comparison(np.zeros(0, np.int64), np.zeros(0), {}, ())

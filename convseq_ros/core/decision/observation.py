@@ -62,13 +62,14 @@ class Observer:
     def reset(self) -> None:
         self._likelihood.reset()
 
-    def observe(self, query: Query, belief: Belief) -> Observation:
+    def observe(self, query: Query, belief: Belief, novelty: float = 1.0) -> Observation:
         """
-        Return the likelihood ratios of a query, which is informative.
+        Return the likelihood ratios of a query, which is informative, by how new its image is.
 
         They are given for all scored places and for all that hold mass in the predicted belief.
         """
-        compared = self._comparer.compare(query.buffer, belief.likeliest(COMPARED.peaks))
+        predicted = belief.likeliest(COMPARED.peaks)
+        compared = self._comparer.compare(query.buffer, query.usable, predicted)
         places, verified = np.union1d(compared.places, belief.places), compared.verified
         if not verified:
             said = UNVERIFIED if len(compared.places) else 0.0
@@ -97,7 +98,7 @@ class Observer:
             follows,
             chance,
             math.exp(asked[best].ratio) if best in asked else 1.0,
-            _weight(query) if has_rivals else 0.0,
+            _weight(query, novelty) if has_rivals else 0.0,
         )
         log_ratios = self._of_all(places, examined, self._likelihood.log_ratios(evidence))
         by_state = keypoints if asked else None
@@ -179,7 +180,7 @@ class Observer:
         return of_all
 
 
-def _weight(query: Query) -> float:
+def _weight(query: Query, novelty: float) -> float:
     """
     Return how much a frame counts as evidence for a place, in [0, 1].
 
@@ -188,4 +189,4 @@ def _weight(query: Query) -> float:
     """
     entropy = query.buffer.newest.descriptor.entropy
     enough = query.config.sequence.entropy_threshold
-    return query.buffer.novelty * (min(1.0, entropy / enough) if enough else 1.0)
+    return novelty * (min(1.0, entropy / enough) if enough else 1.0)

@@ -87,6 +87,22 @@ class FrameGate:
         passed = self._by_default.check(stamp_ns, pose, encode_once, gray).passed
         return replace(verdict, passed=passed)
 
+    def check_unreadable(self, stamp_ns: int, pose: Pose | None) -> int | None:
+        """
+        Return how many keyframes were dropped before a frame that cannot be read.
+
+        None if it is no keyframe: it comes early, near the last one, or the scene would decide.
+        """
+        if self._by_default:
+            self._by_default.check_unreadable(stamp_ns, pose)
+        self._drops.observe(stamp_ns)
+        if not self._is_due(stamp_ns, pose):
+            return None
+        if self._standstill.is_sure(pose, None):
+            self._drops.observe_keyframe()
+            return None
+        return None if self._by_scene else self._keyframe(stamp_ns, pose)
+
     def _check(
         self, stamp_ns: int, pose: Pose | None, encode: Callable[[], Descriptor], gray: Gray | None
     ) -> Verdict:
@@ -115,8 +131,12 @@ class FrameGate:
             return self._not_keyframe(still or not self._by_scene, pose, edges, descriptor)
         if self._by_scene:
             self._scene = descriptor
+        return Verdict(None, descriptor, self._keyframe(stamp_ns, pose))
+
+    def _keyframe(self, stamp_ns: int, pose: Pose | None) -> int:
+        """Note that a frame is a keyframe; return how many were dropped before it."""
         self._last_ns, self._pose = stamp_ns, pose or self._pose
-        return Verdict(None, descriptor, self._drops.observe_keyframe())
+        return self._drops.observe_keyframe()
 
     def _not_keyframe(
         self, still: bool, pose: Pose | None, edges: Glance | None, descriptor: Descriptor

@@ -29,7 +29,6 @@ class Shown:
 
     def __init__(self, scores, strengths, usual=25.0, entropy=1.0):
         self.rows, self._strengths, self._usual = [np.array(scores, np.float32)], strengths, usual
-        self.novelty = 1.0
         features = SimpleNamespace(packed=SimpleNamespace(side=30))
         descriptor = SimpleNamespace(entropy=entropy)
         self.newest = SimpleNamespace(descriptor=descriptor, features=features)
@@ -56,6 +55,9 @@ class Listed:
 
     def reset(self):
         """Forget nothing."""
+
+    def update(self, _descriptor, _usable):
+        """Score nothing."""
 
     def best(self, along, newest, passed=()):
         if not passed:
@@ -110,7 +112,7 @@ def scored(best=30, score=0.104, count=100, **more):
 
 
 def looked(reference_map, buffer, masses=None, start=NONE, told=None, listed=None, usable=None,
-    config=None, difference=0.0,
+    config=None, difference=0.0, novelty=1.0,
 ):  # fmt: skip
     """Return an observation, and the log ratio of each place."""
     count = len(buffer.rows[0])
@@ -119,7 +121,7 @@ def looked(reference_map, buffer, masses=None, start=NONE, told=None, listed=Non
     comparer = Comparer(coarse, buffer, near, 40)
     observer = Observer(comparer, buffer, near, told or Told())
     query = Query(Frame(0, None), buffer, usable or count, start, config or Config())
-    seen = observer.observe(query, believing(masses, difference))
+    seen = observer.observe(query, believing(masses, difference), novelty)
     return seen, dict(zip(seen.places.tolist(), seen.log_ratios.tolist(), strict=True))
 
 
@@ -287,10 +289,10 @@ def test_the_first_frames_of_a_drive_are_compared_with_more_places(a_map):
     buffer = Shown(scored(), SHOWN)
     comparer = Comparer(listed, buffer, Neighbourhood(a_map(100)), 40)
     for _ in range(COMPARED.first_frames + 1):
-        comparer.compare(buffer, [])
+        comparer.compare(buffer, 100, [])
     for begin in (comparer.reset, comparer.end_search):
         begin()
-        comparer.compare(buffer, [])
+        comparer.compare(buffer, 100, [])
     many = COMPARED.first_listed
     assert counts == [many] * COMPARED.first_frames + [10, many, 10]
 
@@ -298,10 +300,10 @@ def test_the_first_frames_of_a_drive_are_compared_with_more_places(a_map):
 def test_only_the_best_places_by_rough_score_and_predicted_ones_are_scored(a_map):
     buffer = Shown(scored(), SHOWN)
     comparer = Comparer(Listed(range(100), 100), buffer, Neighbourhood(a_map(100)), 40)
-    comparer.compare(buffer, [])
+    comparer.compare(buffer, 100, [])
     assert len(buffer.scored) == COMPARED.first_scored
     comparer.end_search()
-    comparer.compare(buffer, [77])
+    comparer.compare(buffer, 100, [77])
     assert len(buffer.scored) == COMPARED.scored + 1 and 77 in buffer.scored
     assert {30, *RIVALS} <= {*buffer.scored}
 
@@ -319,9 +321,9 @@ def test_a_frame_without_features_gives_no_evidence(a_map):
 
 
 def test_a_repeated_image_adds_no_evidence(a_map):
-    new, again = Shown(scored(), SHOWN), Shown(scored(), SHOWN)
-    again.novelty = 0.0
-    first, second = (looked(a_map(100), frame)[1] for frame in (new, again))
+    first, second = (
+        looked(a_map(100), Shown(scored(), SHOWN), novelty=new)[1] for new in (1.0, 0.0)
+    )
     assert first[30] > 1 and second[30] == 0
     assert second[60] == first[60] < 0
 

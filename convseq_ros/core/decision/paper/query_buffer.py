@@ -19,7 +19,6 @@ class BUFFER:
     longest_gap: int = 5  # missing frames; after more the buffer is emptied
     most_rescored: int = 8  # sequences that are scored again by the exact kernel
     error: float = 0.02  # of an approximate score; ten times the largest of single pairs
-    carried: float = 0.9  # share of the evidence that the k newest frames carry
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +29,7 @@ class BufferedFrame:
     features: Features | None = None  # None if it is not informative
     row: Row | None = None  # pair scores (R,), NaN where not scored
     rescored: set[int] = field(default_factory=set)  # references whose pair score is exact
-    novelty: float = 1.0  # see `QueryBuffer.novelty`
-    evidence: float = 0.0  # see `QueryBuffer.add_evidence`
+    evidence: float = 0.0  # see `QueryBuffer.note_evidence`
 
 
 class QueryBuffer:
@@ -74,8 +72,7 @@ class QueryBuffer:
         """Add the newest frame, which may match the first `usable` references."""
         features = self._matcher.extract(descriptor) if descriptor.informative else None
         row = None if features is None else np.full(usable, np.nan, np.float32)
-        new = _novelty(features, self.frames[0].features if self.frames else None)
-        self._keep(BufferedFrame(descriptor, features, row, novelty=new), capacity)
+        self._keep(BufferedFrame(descriptor, features, row), capacity)
 
     def add_empty(self, missing: int, blank: Descriptor, capacity: int) -> None:
         """Add empty slots for missing frames, so that diagonals stay straight; or clear all."""
@@ -125,20 +122,9 @@ class QueryBuffer:
             frame.rescored.update(indices.tolist())
         return sequence_scores(self.rows[:length], ends=ends, bounds=self.bounds)
 
-    @property
-    def novelty(self) -> float:
-        """How new the newest frame is, in [0, 1]: 1 if its cosine with the last is at most 0.5."""
-        return self.newest.novelty
-
-    def add_evidence(self, evidence: float) -> None:
+    def note_evidence(self, evidence: float) -> None:
         """Note by how much, in log ratios of at least 0, the newest frame speaks for a place."""
         self.frames[0] = replace(self.frames[0], evidence=evidence)
-
-    @property
-    def evidence_length(self) -> int:
-        """How many of the newest frames, k, carry nine tenths of the buffer's evidence."""
-        carried = np.cumsum([frame.evidence for frame in self.frames])
-        return 1 + int(np.searchsorted(carried, BUFFER.carried * carried[-1]))
 
     def _keep(self, frame: BufferedFrame, capacity: int) -> None:
         self.frames = [frame, *self.frames[: capacity - 1]]
@@ -154,13 +140,3 @@ class QueryBuffer:
                 met = ends - age
                 is_inside = (met >= firsts) & (met < np.minimum(stops, len(frame.row)))
                 yield frame, frame.features, frame.row, met[is_inside]
-
-
-def _novelty(features: Features | None, before: Features | None) -> float:
-    images = [each.packed for each in (features, before) if each and each.packed]
-    vectors = [image.rows.view(np.int8).ravel().astype(np.float32) for image in images]
-    if len(vectors) < 2 or not (
-        lengths := float(np.linalg.norm(vectors[0]) * np.linalg.norm(vectors[1]))
-    ):
-        return 1.0
-    return min(1.0, max(0.0, 2 - 2 * float(vectors[0] @ vectors[1]) / lengths))
