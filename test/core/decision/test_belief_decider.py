@@ -85,6 +85,22 @@ def drive(described):
     return show
 
 
+@pytest.fixture(scope='module')
+def frames(image):
+    """Return a maker of frames with images of places, one a step."""
+
+    def make(places, seed):
+        return [Frame(at * STEP_NS, image(place, seed)) for at, place in enumerate(places)]
+
+    return make
+
+
+@pytest.fixture(scope='module')
+def pictured(frames):
+    """Return the map of the street with keypoints."""
+    return build_map(frames(range(PLACES), 0), None, OWN)
+
+
 def accepted(matches):
     return [match.accepted and match.accepted.reference_index for match in matches]
 
@@ -137,14 +153,12 @@ def test_matches_are_right_from_the_fourth_keyframe_after_a_jump(
     assert accepted(matches[15:]) == [*range(there + 3, there + 12)]
 
 
-def test_a_frame_denied_by_cells_and_keypoints_is_rejected_despite_high_confidence(image):
-    def frames(places, seed):
-        return [Frame(at * STEP_NS, image(place, seed)) for at, place in enumerate(places)]
-
-    mapped = build_map(frames(range(PLACES), 0), None, OWN)
+def test_a_frame_denied_by_cells_and_keypoints_is_rejected_despite_high_confidence(
+    frames, pictured
+):
     unknown = []
     for here in range(5, 50, 5):
-        recognizer = PlaceRecognizer(mapped, OWN)
+        recognizer = PlaceRecognizer(pictured, OWN)
         away = [*range(here, here + 9), 500]  # the last is in no map
         matches = [recognizer.process(frame) for frame in frames(away, 1)]
         assert accepted(matches[4:9]) == [*range(here + 4, here + 9)]
@@ -153,6 +167,15 @@ def test_a_frame_denied_by_cells_and_keypoints_is_rejected_despite_high_confiden
     sure = [match for match in unknown if match.confidence >= OWN.acceptance.min_confidence]
     assert sure and {match.reason for match in sure} == {Reason.WEAK}
     assert {match.localization.state for match in sure} == {LocalizationState.LOCALISED}
+
+
+def test_a_person_before_the_camera_is_no_place_and_the_drive_then_goes_on(frames, pictured):
+    before, after = range(10, 16), range(46, 52)
+    shown = frames([*before, *range(1000, 1030), *after], 1)
+    recognizer = PlaceRecognizer(pictured, OWN)
+    found = accepted([recognizer.process(frame) for frame in shown])
+    assert found[3:6] == [*before[3:]] and not any(found[6:36])
+    assert found[38:] == [*after[2:]] and {*found[36:38]} <= {None, *after[:2]}
 
 
 def test_a_place_that_the_map_holds_twice_is_accepted_once_its_looks_are_linked(map_of, drive):
@@ -181,6 +204,18 @@ def test_frames_that_show_nothing_do_not_break_a_drive(street, drive):
     matches = drive(PlaceRecognizer(street, OWN), places)
     assert [match.status for match in matches[18:20]] == [Status.SKIPPED] * 2
     assert accepted(matches[22:]) == [*range(32, 40)]
+
+
+@pytest.mark.parametrize('levels', [1, 4], ids=['black', 'noise'])
+def test_under_a_strobe_light_the_lit_frames_are_matches_and_no_dark_one_is(street, drive, levels):
+    recognizer, lit, unlit = PlaceRecognizer(street, RESTLESS), [], []
+    dark = np.random.default_rng(0).integers(0, levels, (120, 160), np.uint8)
+    for step in range(0, 24, 2):
+        lit += drive(recognizer, [10 + step], start=step)
+        frame = Frame((step + 1) * STEP_NS, None)
+        unlit.append(recognizer.process(frame, describe(dark, SMALL)))
+    assert accepted(lit[2:]) == [*range(14, 34, 2)]
+    assert not any(accepted(unlit))
 
 
 @pytest.mark.parametrize(('missing', 'is_known'), [(5, True), (6, False)])
@@ -246,6 +281,19 @@ def test_odometry_that_jumps_resets_or_stops_counts_for_a_few_frames(posed, driv
     start = 3 + (first if len(jumps) > 2 else max(jumps) + 1)
     behind = np.array(ways[start:]) - accepted(matches[start:])
     assert set(behind) <= ({0, 1, 2, 3} if stands else {0})
+
+
+@pytest.mark.parametrize(
+    'x_of',
+    [lambda _, x: 100 * x, lambda index, x: x + 12 * (index % 10 == 9)],
+    ids=['centimetres', 'an outlier every tenth frame'],
+)
+def test_odometry_in_a_wrong_unit_or_with_outliers_makes_no_match_wrong(posed, drive, x_of):
+    ways = [*range(10, 40)]
+    poses = [at(x_of(index, place)) for index, place in enumerate(ways)]
+    recognizer = PlaceRecognizer(posed, RESTLESS)
+    assert accepted(drive(recognizer, ways, poses=poses))[2:] == ways[2:]
+    assert recognizer.decider.odometry_jumps > 4
 
 
 def test_an_odometry_restart_makes_no_place_implausible(posed, drive):
