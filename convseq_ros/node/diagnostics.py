@@ -18,7 +18,7 @@ _SILENCE_S = 3.0
 
 
 @dataclass(slots=True)
-class Statistics:
+class Counters:
     """Counts since the start; each is changed by one thread alone."""
 
     received: int = 0  # messages on the image topic
@@ -72,7 +72,7 @@ class Diagnostics:
     """Publishes a status periodically, independent of the node's clock."""
 
     node: Node
-    statistics: Statistics
+    counters: Counters
     situation: Callable[[], Situation]  # returns the node's state
     advice: Callable[[], str]  # returns why no images may arrive
     period_s: float
@@ -91,7 +91,7 @@ class Diagnostics:
         situation = self.situation()
         received_hz, processed_hz, dropped_now = self._rates(situation)
         level, text = self._state(situation, dropped_now)
-        values = _values(self.statistics, situation)
+        values = _values(self.counters, situation)
         values |= {'received_hz': received_hz, 'processed_hz': processed_hz}
         name = f'{self.node.get_fully_qualified_name().lstrip("/")}: place recognition'
         message = DiagnosticArray(
@@ -102,7 +102,7 @@ class Diagnostics:
 
     def _rates(self, situation: Situation) -> tuple[float, float, int]:
         now_ns = time.monotonic_ns()
-        counts = self.statistics.received, self.statistics.processed, situation.dropped
+        counts = self.counters.received, self.counters.processed, situation.dropped
         then_ns, *before = self._last
         received, processed, dropped = (new - old for new, old in zip(counts, before, strict=True))
         self._last = (now_ns, *counts)
@@ -161,17 +161,17 @@ class Diagnostics:
 
     def _is_failing(self, situation: Situation) -> bool:
         """Return whether new places cannot be written to this map, or to the one before it."""
-        before, self._write_failures = self._write_failures, self.statistics.write_failures
+        before, self._write_failures = self._write_failures, self.counters.write_failures
         return self._write_failures > before or situation.pipeline.autosave.is_failing
 
     def _silence(self, situation: Situation) -> str:
         """Return why no images arrive, and log it when that begins; empty if they do."""
-        silent_s = (time.monotonic_ns() - self.statistics.last_arrival_ns) / 1e9
+        silent_s = (time.monotonic_ns() - self.counters.last_arrival_ns) / 1e9
         if silent_s < _SILENCE_S or not situation.enabled:
             self._is_silence_told = False
             return ''
         text = f'no images for {silent_s:.0f} s: {self.advice()}'
-        if self.statistics.received:
+        if self.counters.received:
             text = (
                 f'the camera stopped: no images on {situation.topic} for {silent_s:.0f} s; look '
                 'at its driver'
@@ -182,21 +182,21 @@ class Diagnostics:
         return text
 
 
-def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
-    match, pipeline = statistics.last_match, situation.pipeline
+def _values(counters: Counters, situation: Situation) -> dict[str, object]:
+    match, pipeline = counters.last_match, situation.pipeline
     localization = pipeline.cameras.localization
     state = 'enabled' if situation.enabled else 'disabled'
     values: dict[str, object] = {
         'state': state if situation.ready else 'warming_up',
         'mode': pipeline.recognizer.config.online.mode,
         'topic': situation.topic,
-        'received': statistics.received,
-        'processed': statistics.processed,
+        'received': counters.received,
+        'processed': counters.processed,
         'dropped': situation.dropped,
-        'unreadable': statistics.unreadable,
-        'failed': statistics.failed,
-        'latency_ms': statistics.latency_ms,
-        'duration_ms': statistics.duration_ms,
+        'unreadable': counters.unreadable,
+        'failed': counters.failed,
+        'latency_ms': counters.latency_ms,
+        'duration_ms': counters.duration_ms,
         'kernel': pipeline.kernel,
         'model': pipeline.recognizer.reference_map.encoding.descriptor_model,
         'model_ms': pipeline.recognizer.first_stage.duration_ms,
@@ -215,10 +215,10 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         values |= {
             'places_added': pipeline.added,
             'places_kept': pipeline.autosave.committed,
-            'map_write_failures': statistics.write_failures,
+            'map_write_failures': counters.write_failures,
         }
         if pipeline.autosave.committed_s is not None:
             values['since_last_commit_s'] = time.monotonic() - pipeline.autosave.committed_s
     # A copy, because the worker's thread changes the original.
-    counts = statistics.reasons.copy()
+    counts = counters.reasons.copy()
     return values | {f'reason_{reason}': counts[reason] for reason in sorted(counts)}

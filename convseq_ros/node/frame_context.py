@@ -48,7 +48,7 @@ class Waiting:
         self.changed.notify()
 
 
-class Odometry:
+class OdometryListener:
     """
     Listens to `odom`, returns the pose at the stamp of an image, and counts images without.
 
@@ -168,7 +168,7 @@ class FrameContext:
         reading: ReadingConfig,
         topics: Sequence[str],
     ) -> None:
-        self.odometry = Odometry(node, config.odom_wait_s)
+        self.odometry = OdometryListener(node, config.odom_wait_s)
         self.depth = DepthImages(node, config.depth_topic, config.odom_wait_s, reading)
         mount = Mount(node, config.base_frame)
         infos = {'': 'camera_info'}

@@ -18,7 +18,7 @@ from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import MapError, one_line, with_traceback
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.topics import SERVICE_QOS
-from convseq_ros.node.worker import Background, fulfil, Worker
+from convseq_ros.node.worker import BackgroundWork, fulfil, Worker
 from nav_msgs.srv import LoadMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
@@ -46,7 +46,7 @@ class MapServices:
         self._worker = worker
         self._recognition = recognition
         self._open_pipeline = open_pipeline
-        self._background = Background()
+        self._background = BackgroundWork()
         # A separate group, so that images and other services are served while a map is opened.
         group = MutuallyExclusiveCallbackGroup()
         offer = partial(node.create_service, qos_profile=SERVICE_QOS, callback_group=group)

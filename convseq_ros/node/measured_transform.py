@@ -8,7 +8,7 @@ from threading import Lock
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.rigid import inverse, Matrix, matrix, turned_by
 from convseq_ros.core.types import constants, Frame, Match, PoseEstimate
-from convseq_ros.node.frame_context import Odometry
+from convseq_ros.node.frame_context import OdometryListener
 from convseq_ros.node.map_to_odom import MapToOdom
 import cv2
 import numpy as np
@@ -33,7 +33,7 @@ class MeasuredTransform:
     the worker's thread.
     """
 
-    def __init__(self, node: Node, config: NodeConfig, odometry: Odometry) -> None:
+    def __init__(self, node: Node, config: NodeConfig, odometry: OdometryListener) -> None:
         self._output = MapToOdom(node, config.map_frame, True)
         self._lock = Lock()
         self._moved: Matrix | None = None  # (4, 4), pose of the frame of odometry in the map

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 import time
 
-from convseq_ros.node.diagnostics import Statistics
+from convseq_ros.node.diagnostics import Counters
 from convseq_ros.node.topics import steady_timer
 from rclpy.node import Node
 
@@ -25,10 +25,10 @@ class ProgressLog:
     """Logs a summary every 10 s and at the end, and dropped frames by cause every 5 s."""
 
     def __init__(
-        self, node: Node, statistics: Statistics, drops: Callable[[], Mapping[str, int]]
+        self, node: Node, counters: Counters, drops: Callable[[], Mapping[str, int]]
     ) -> None:
         self._logger = node.get_logger()
-        self._statistics = statistics
+        self._counters = counters
         self._drops = drops
         self._logged = self._warned = time.monotonic()
         self._before = self._counts()
@@ -38,7 +38,7 @@ class ProgressLog:
     def finish(self) -> None:
         """Log a summary since the start, if any message arrived."""
         self._warn()
-        if self._statistics.received:
+        if self._counters.received:
             self._logger.info(f'at the end: {self._summary((0, 0, 0, 0.0))}')
 
     def _tick(self) -> None:
@@ -46,12 +46,12 @@ class ProgressLog:
         if now - self._warned >= _WARN_S or not self._dropped_before:
             self._warn()
         if now - self._logged >= _LOG_S:
-            if self._statistics.received > self._before[0]:
+            if self._counters.received > self._before[0]:
                 self._logger.info(f'in {now - self._logged:.0f} s: {self._summary(self._before)}')
             self._logged, self._before = now, self._counts()
 
     def _counts(self) -> tuple[int, int, int, float]:
-        now = self._statistics
+        now = self._counters
         return now.received, now.processed, now.reasons['accepted'], now.busy_ms
 
     def _summary(self, before: tuple[int, int, int, float]) -> str:
@@ -71,7 +71,7 @@ class ProgressLog:
         causes = ', '.join(f'{count} {_REMEDIES[cause]}' for cause, count in new.items())
         self._logger.warning(
             f'{new.total()} frames dropped, {drops.total()} of '
-            f'{self._statistics.received + drops["middleware"]} since the start: {causes}. Send '
+            f'{self._counters.received + drops["middleware"]} since the start: {causes}. Send '
             'fewer, or raise keyframe_interval_s'
         )
         self._warned, self._dropped_before = time.monotonic(), drops

@@ -13,7 +13,7 @@ from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError, ImageError, ModelError, one_line, with_traceback
-from convseq_ros.node.diagnostics import Statistics
+from convseq_ros.node.diagnostics import Counters
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.map_linking import MapLinking
 from convseq_ros.node.once import Once
@@ -54,7 +54,7 @@ class Recognition:
     context: FrameContext
     results: ResultLog  # gets a row for every answer
     publish: Callable[[Answered], None]
-    statistics: Statistics
+    counters: Counters
     logger: Any
     ros_is_up: Callable[[], bool]  # False when the node is about to end
     model_problem: str = ''  # why the map's model is not used, if it failed
@@ -77,7 +77,7 @@ class Recognition:
         except Exception as error:
             # Publishing fails while a signal shuts ROS down; the result row is written before.
             if isinstance(error, ConvseqError) or self.ros_is_up():
-                self.statistics.failed += 1
+                self.counters.failed += 1
                 self.logger.error(with_traceback(error), throttle_duration_sec=_LOG_PERIOD_S)
 
     def swap(self, pipeline: Pipeline) -> None:
@@ -124,7 +124,7 @@ class Recognition:
             self._failed_to_write(error)
 
     def _failed_to_write(self, error: Exception, also: str = '') -> None:
-        self.statistics.write_failures += 1
+        self.counters.write_failures += 1
         self.logger.error(f'{one_line(error)}{also}')
 
     def _read(self, arrival: Arrival) -> tuple[Frame, float]:
@@ -153,7 +153,7 @@ class Recognition:
         latency_ms = (time.monotonic_ns() - arrival.arrival_ns) / 1e6
         recognizer = cameras.of(frame.source)
         self.publish(Answered(frame, match, recognizer, duration_ms, latency_ms))
-        self.statistics.answered(match, arrival.arrival_ns, duration_ms)
+        self.counters.answered(match, arrival.arrival_ns, duration_ms)
 
     def _drop_model(self, error: ModelError) -> None:
         """Use the built-in descriptor, and stop growing the map; raise the error if impossible."""
@@ -175,7 +175,7 @@ class Recognition:
         try:
             self.pipeline.save()
         except (ConvseqError, OSError) as error:
-            self.statistics.write_failures += 1
+            self.counters.write_failures += 1
             self.logger.error(one_line(error), throttle_duration_sec=_LOG_PERIOD_S)
 
     def _decode(self, arrival: Arrival) -> Frame:
@@ -184,7 +184,7 @@ class Recognition:
         try:
             gray, color = gray_and_color(message_pixels(arrival.message, reading), reading)
         except ImageError as error:
-            self.statistics.unreadable += 1
+            self.counters.unreadable += 1
             self._once.warn(f'{topic}: {one_line(error)}')
             return Frame(stamp_ns, None, topic, problem=str(error))
         camera = self.context.camera_for(topic, *gray.shape)

@@ -22,7 +22,7 @@ from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.models.onnx_model import open_model
-from convseq_ros.node.diagnostics import Diagnostics, Situation, Statistics
+from convseq_ros.node.diagnostics import Counters, Diagnostics, Situation
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.image_subscription import image_subscriptions, QUEUE_BYTES
 from convseq_ros.node.life_cycle import ManagedNode, PATIENCE_S
@@ -95,7 +95,7 @@ class VprNode(ManagedNode):
         opened.callback(self._results.close)
         for line in pipeline.ignored:
             logger.warning(line)
-        self._statistics, self._stamps = Statistics(), Stamps(self)
+        self._counters, self._stamps = Counters(), Stamps(self)
         self._frame_context = FrameContext(self, config, self._config.reading, self._chosen)
         self._answers = MatchPublishers(
             self, config, lambda: self._frame_context.odometry.frame_id
@@ -105,7 +105,7 @@ class VprNode(ManagedNode):
             self._frame_context,
             self._results,
             self._publish,
-            self._statistics,
+            self._counters,
             logger,
             self.context.ok,
         )
@@ -128,10 +128,10 @@ class VprNode(ManagedNode):
             self._transform = MeasuredTransform(self, config, self._frame_context.odometry)
         self._localization = LocalizationTopics(self, config, self._situation, self._advice)
         self._diagnostics = Diagnostics(
-            self, self._statistics, self._situation, self._advice, config.diagnostics_period_s
+            self, self._counters, self._situation, self._advice, config.diagnostics_period_s
         )
         self._progress = ProgressLog(
-            self, self._statistics, lambda: {**self._worker.drops, 'middleware': self._lost()}
+            self, self._counters, lambda: {**self._worker.drops, 'middleware': self._lost()}
         )
         self._finder = TopicFinder(self, self._on_found, self._chosen, config.depth_topic)
         self._warm = self.create_guard_condition(self._on_warm)
@@ -229,11 +229,11 @@ class VprNode(ManagedNode):
 
     def _on_image(self, message: RawMessage, topic: str) -> None:
         arrival_ns = time.monotonic_ns()
-        self._statistics.arrived(arrival_ns)
+        self._counters.arrived(arrival_ns)
         if not self._enabled:
             return
         stamp_ns = self._stamps.of(message, arrival_ns, topic)
-        number = self._statistics.received - 1
+        number = self._counters.received - 1
         arrival = Arrival(message, stamp_ns, arrival_ns, topic, number)
         self._worker.put(arrival, len(message.cdr))
 

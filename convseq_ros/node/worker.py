@@ -137,7 +137,7 @@ Result = TypeVar('Result')
 _POLL_S = 0.005
 
 
-class Background:
+class BackgroundWork:
     """
     Does the work of services in other threads, which end with the process.
 

@@ -100,8 +100,8 @@ def test_the_launch_arguments_of_a_driver_match_its_topics(client, vpr, street, 
     for topic in [*[*publish][1:], image]:
         publish[topic].publish(messages[topic])
     context = node._frame_context
-    client.wait_for(lambda: node._statistics.processed == 1)
-    assert not node._statistics.unreadable and node._topic == image
+    client.wait_for(lambda: node._counters.processed == 1)
+    assert not node._counters.unreadable and node._topic == image
     if info:
         client.wait_for(lambda: context.camera.is_calibrated)
     assert context.odometry._subscription.topic == (odometry or '/odom')

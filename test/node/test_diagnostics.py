@@ -167,5 +167,5 @@ def test_constant_or_whole_second_stamps_are_a_warning(
     assert whole.message.endswith('have the driver stamp each image when it is taken')
     right = state_with([it + 10 * SECOND for it in taken_ns], 'recognising places')
     assert right.level == DiagnosticStatus.OK
-    client.wait_for(lambda: node._statistics.received == 60)
+    client.wait_for(lambda: node._counters.received == 60)
     assert capfd.readouterr().err.count('one stamp') == 1

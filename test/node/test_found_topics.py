@@ -18,7 +18,7 @@ LATER_S = 1000
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     for module in (image_subscription, topic_finder):
-        monkeypatch.setattr(module, '_LOOK_S', 0.1)
+        monkeypatch.setattr(module, '_PERIOD_S', 0.1)
 
 
 def offered(client, *topics):
@@ -49,7 +49,7 @@ def test_the_only_camera_is_found_with_what_is_beside_it(client, vpr, street, im
     client.wait_for(lambda: used(node) == wanted)
     client.wait_until_known_to('/vpr_node')
     camera.publish(image(street[0], 1))
-    client.wait_for(lambda: node._statistics.processed == 1)
+    client.wait_for(lambda: node._counters.processed == 1)
 
 
 def test_a_topic_of_jpegs_and_its_calibration_are_found_by_type(
@@ -70,8 +70,8 @@ def test_a_topic_of_jpegs_and_its_calibration_are_found_by_type(
     client.wait_until_known_to('/vpr_node')
     jpeg = cv2.imencode('.jpg', street[0])[1].tobytes()
     camera.publish(CompressedImage(header=image(street[0], 1).header, format='jpeg', data=jpeg))
-    client.wait_for(lambda: node._statistics.processed == 1)
-    assert not node._statistics.unreadable
+    client.wait_for(lambda: node._counters.processed == 1)
+    assert not node._counters.unreadable
 
 
 def test_several_cameras_are_named_and_none_is_taken(client, vpr, map_path, capfd):
@@ -172,9 +172,9 @@ def test_places_added_from_an_abandoned_topic_leave_the_map(
 
     def show(camera, pictures):
         for gray in pictures:
-            count = node._statistics.processed + 1
+            count = node._counters.processed + 1
             camera.publish(image(gray, (LATER_S + count) * SECOND))
-            client.wait_for(lambda count=count: node._statistics.processed == count)
+            client.wait_for(lambda count=count: node._counters.processed == count)
 
     show(lidar, noise[:3])
     client.wait_for(lambda: node._recognition.pipeline.autosave.committed == len(street) + 3)

@@ -47,7 +47,7 @@ def test_a_camera_that_returns_with_reliable_qos_gets_a_reliable_subscription(
     client.node.destroy_publisher(camera)
     wait_for_reliability(client, ReliabilityPolicy.RELIABLE)
     client.camera(Image).publish(image(street[0], 1))
-    client.wait_for(lambda: node._statistics.received == 1)
+    client.wait_for(lambda: node._counters.received == 1)
     wait_for_reliability(client, ReliabilityPolicy.RELIABLE)  # and it stays so
 
 
@@ -73,12 +73,12 @@ def test_images_lost_from_a_full_history_are_counted(client, vpr, street, image)
     node = vpr(queue_size=3)
     camera = client.camera(Image)
     camera.publish(image(street[0], 1))
-    client.wait_for(lambda: node._statistics.received == 1)
+    client.wait_for(lambda: node._counters.received == 1)
     with held_up(node, client):
         for number in range(50):
             camera.publish(image(street[0], number + 2))
         assert camera.wait_for_all_acked(Duration(seconds=60))
-    client.wait_for(lambda: node._statistics.received + node._lost() == 51)
+    client.wait_for(lambda: node._counters.received + node._lost() == 51)
     assert node._lost() > 0
 
 
@@ -90,8 +90,8 @@ def test_large_images_leave_less_room_in_the_history(client, vpr, image, monkeyp
     client.wait_for(lambda: node._images[0]._depth == 10)
     camera.publish(image(np.zeros((2000, 1000), np.uint8), 2))
     client.wait_for(lambda: node._images[0]._depth == 2)
-    client.wait_for(lambda: node._statistics.received == 2)
+    client.wait_for(lambda: node._counters.received == 2)
     client.wait_for(lambda: client.node.count_subscribers('/image') == 1)
     client.wait_for(camera.get_subscription_count)
     camera.publish(image(np.zeros((200, 500), np.uint8), 3))
-    client.wait_for(lambda: node._statistics.received == 3)
+    client.wait_for(lambda: node._counters.received == 3)

@@ -144,7 +144,7 @@ def test_an_unexpected_error_while_configuring_releases_the_map(managed, tmp_pat
         raise RuntimeError('nobody foresaw this')
 
     with monkeypatch.context() as patched:
-        patched.setattr(vpr_node, 'Statistics', fail)
+        patched.setattr(vpr_node, 'Counters', fail)
         assert not change(CONFIGURE) and state() == UNCONFIGURED
     assert change(CONFIGURE) and state() == INACTIVE
 

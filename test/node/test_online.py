@@ -79,7 +79,7 @@ def test_a_late_subscriber_gets_all_closures_and_then_the_new_ones(client, vpr, 
             odom.publish(message)
             camera.publish(image(street[place], stamp_s * SECOND))
             shown.append(place)
-        client.wait_for(lambda: node._statistics.processed == len(shown))
+        client.wait_for(lambda: node._counters.processed == len(shown))
 
     def drawn_at(drawn, place):
         drawn.clear()
@@ -177,10 +177,10 @@ def test_no_frame_is_dropped_while_maps_are_saved_and_loaded(
         good = answer.success if kind is Trigger else not answer.result
         assert good, answer
     stream(lambda: sent > 60)
-    client.wait_for(lambda: node._statistics.processed == sent, 'every frame counted')
+    client.wait_for(lambda: node._counters.processed == sent, 'every frame counted')
     client.wait_for(lambda: len(indices) == sent, 'every answer heard')
     assert node._worker.dropped == 0
-    assert node._statistics.received == sent
+    assert node._counters.received == sent
     assert 10 < len(open_map(copy)) < sent
     total = len(open_map(first))
     assert 20 < total < sent

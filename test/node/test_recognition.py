@@ -16,7 +16,7 @@ from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.io.results import read_results, ResultWriter
 from convseq_ros.node import diagnostics, progress_log
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.node.diagnostics import Statistics
+from convseq_ros.node.diagnostics import Counters
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.sources.raw_message import IMAGE, RawMessage
@@ -38,7 +38,7 @@ class Setup:
 
     def __init__(self, pipeline, path):
         self.logger = Mock()
-        self.statistics = Statistics()
+        self.counters = Counters()
         self.published = []
         self.results = ResultLog(str(path), self.logger)
         self.ros_is_up = Mock(return_value=True)
@@ -51,7 +51,7 @@ class Setup:
             self.surroundings,
             self.results,
             self.publish,
-            self.statistics,
+            self.counters,
             self.logger,
             self.ros_is_up,
         )
@@ -93,7 +93,7 @@ def test_an_error_is_logged_and_counted_and_the_next_frame_answered(
         patch.setattr(PlaceRecognizer, 'process', Mock(side_effect=error))
         setup.handle(image(gray, 1), 0)
     setup.handle(image(gray, 1), 1)
-    assert setup.statistics.failed == 1
+    assert setup.counters.failed == 1
     assert told in setup.logger.error.call_args.args[0]
     assert [match.query_index for _, match, _ in setup.published] == [1]
 
@@ -105,7 +105,7 @@ def test_each_kind_of_unreadable_image_is_logged_once_and_counted_every_time(set
         setup.handle(message, number)
     told = [call.args[0] for call in setup.logger.warning.call_args_list]
     assert len(told) == 2 and "'mono7' is not supported" in told[0] and 'mono5' in told[1]
-    assert setup.statistics.unreadable == 4
+    assert setup.counters.unreadable == 4
 
 
 def test_at_most_20_kinds_of_image_faults_are_logged(setup, image, gray):
@@ -138,7 +138,7 @@ def test_the_old_map_is_completed_when_another_takes_over(setup, monkeypatch):
     monkeypatch.setattr(old, 'close', Mock(side_effect=MapError('map.db: disk full')))
     setup.recognition.swap(Pipeline(None, CONFIG))
     assert setup.recognition.pipeline is not old
-    assert setup.statistics.write_failures == 1
+    assert setup.counters.write_failures == 1
 
 
 @pytest.mark.parametrize('mode', ['preloaded', 'online'])
@@ -185,7 +185,7 @@ def told(monkeypatch):
 def test_drops_are_logged_with_their_cause_and_query_numbers_count_them(
     monkeypatch, told, client, vpr, street, image, map_path, held
 ):
-    monkeypatch.setattr(progress_log, '_LOOK_S', 0.05)
+    monkeypatch.setattr(progress_log, '_PERIOD_S', 0.05)
     monkeypatch.setattr(progress_log, '_LOG_S', 0.1)
     node = vpr(map_path=map_path, queue_size=2)
     answers = client.listen(DiagnosticArray, '/vpr_node/answer')
@@ -193,7 +193,7 @@ def test_drops_are_logged_with_their_cause_and_query_numbers_count_them(
     for index in range(8):
         camera.publish(image(street[index], index * SECOND + 1))
         # The middleware holds no more than the queue does.
-        client.wait_for(lambda index=index: node._statistics.received == index + 1)
+        client.wait_for(lambda index=index: node._counters.received == index + 1)
     # One is held, two wait.
     client.wait_for(lambda: node._worker.dropped == 5)
 
@@ -208,7 +208,7 @@ def test_drops_are_logged_with_their_cause_and_query_numbers_count_them(
     assert [stamp_to_ns(one.header.stamp) // SECOND for one in answers] == [0, 6, 7]
     client.wait_for(lambda: any(level == 'info' and 'frames came' in text for level, text in told))
     # An answer is sent before it is counted.
-    client.wait_for(lambda: node._statistics.processed == 3)
+    client.wait_for(lambda: node._counters.processed == 3)
     node.context.try_shutdown()
     start = 'at the end: 8 frames came, 3 processed'
     (last,) = client.wait_for(lambda: [text for _, text in told if text.startswith(start)])

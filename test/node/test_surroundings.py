@@ -108,14 +108,14 @@ def test_latched_camera_info_sent_before_the_start_is_received(client, vpr, map_
 
 
 class Tracked:
-    """An Odometry that hears what the test says, without a graph."""
+    """An OdometryListener that hears what the test says, without a graph."""
 
     def __init__(self, monkeypatch, wait_s=0.05, publishers=1):
         self.subscription = Mock()
         monkeypatch.setattr(module, 'FollowingSubscription', self.subscription)
         self.node = Mock()
         self.node.count_publishers.return_value = publishers
-        self.odometry = module.Odometry(self.node, wait_s)
+        self.odometry = module.OdometryListener(self.node, wait_s)
         self.hear = self.subscription.call_args.args[3]
 
     def wait_for_pose(self, stamp_ns):

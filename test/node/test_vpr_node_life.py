@@ -217,7 +217,7 @@ def test_a_camera_too_fast_for_the_machine_costs_frames_but_no_time(
     for index in range(10):
         camera.publish(image(street[index], (index + 1) * SECOND))
         # Each after the last one has arrived: none is lost on the way.
-        client.wait_for(lambda number=index: node._statistics.received > number)
+        client.wait_for(lambda number=index: node._counters.received > number)
     due_s = time.monotonic() + 0.001
     client.wait_for(lambda: time.monotonic() > due_s)
     held.set()

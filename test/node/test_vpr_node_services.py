@@ -35,7 +35,7 @@ def test_without_a_map_the_node_waits_for_one(client, vpr, show, map_path, tmp_p
     answer = client.call(LoadMap, '/vpr_node/load_map', map_url=url)
     assert answer.result == LoadMap.Response.RESULT_SUCCESS
     assert show(3) == 3
-    client.wait_for(lambda: node._statistics.reasons == {'no_map': 1, 'accepted': 1})
+    client.wait_for(lambda: node._counters.reasons == {'no_map': 1, 'accepted': 1})
 
 
 @pytest.mark.parametrize(
@@ -127,10 +127,10 @@ def test_a_disabled_node_ignores_frames_and_starts_anew_when_enabled(
     assert client.call(SetBool, '/vpr_node/set_enabled', data=False).message == 'disabled'
     camera = client.camera(Image)
     camera.publish(image(street[3], 50 * SECOND))
-    client.wait_for(lambda: node._statistics.received == 3)
+    client.wait_for(lambda: node._counters.received == 3)
     assert client.call(SetBool, '/vpr_node/set_enabled', data=True).message == 'enabled'
     assert [show(place) for place in (4, 5)] == [-1, 5]
-    client.wait_for(lambda: node._statistics.processed == 4)
+    client.wait_for(lambda: node._counters.processed == 4)
 
 
 def test_a_dynamic_parameter_takes_effect_with_the_next_frame(client, vpr, show, map_path):
@@ -188,4 +188,4 @@ def test_services_answer_while_a_frame_is_processed(client, vpr, street, image, 
     assert client.call(Trigger, '/vpr_node/reset').success
     assert node._worker.waiting == 19
     held.set()
-    client.wait_for(lambda: node._statistics.processed == 20)
+    client.wait_for(lambda: node._counters.processed == 20)
