@@ -9,17 +9,19 @@ data sets, so is corridor; laps and the other circuit are matched against the fi
 strongest verified place of each frame counts: right within 5 m (corridor: 5 frames), wrong beyond
 15 (laps: as in laps.py). Right and wrong places have the same total weight, and so have all
 drives. Keypoints are asked in every frame. The fit is linear in the leads of the cells and of the
-keypoints; the shipped ratio of keypoints is drawn for each usual lead beside what was observed.
+keypoints. Over the leads of keypoints, the shipped density of each usual lead is drawn (red: 0, as
+elsewhere), and the log ratio at first in like light (black, right axis).
 """
 
 from collections.abc import Callable, Iterator
 import math
 from pathlib import Path
+from typing import Any
 
 from convseq_ros import build_map, PlaceRecognizer
 from convseq_ros.core.decision.likelihood import CELLS
 from convseq_ros.core.decision.observation import Observation
-from convseq_ros.core.decision.usual_lead import KEYPOINTS
+from convseq_ros.core.decision.usual_lead import KEYPOINTS, ratios_of, UsualLead
 from convseq_ros.evaluation.plots import new_figure, save
 from drives import options
 from known_drives import Drive, real, streets
@@ -99,8 +101,22 @@ def draw(leads_of: dict[str, Values], output: Path) -> None:
                 axes.set_ylabel(name, fontsize=7)
             axes.set_title(title if not row else '', fontsize=8)
             axes.tick_params(labelsize=6)
+        draw_shipped(axes, bins)
     shown.tight_layout()
     save(shown, output)
+
+
+def draw_shipped(axes: Any, leads: Values) -> None:
+    """Draw the shipped densities of the keypoints' leads, and their log ratio in like light."""
+    for usual in KEYPOINTS.usual:
+        density = np.exp(-(((leads - usual) / KEYPOINTS.sigma) ** 2) / 2)
+        density /= KEYPOINTS.sigma * math.sqrt(2 * math.pi)
+        axes.plot(leads, density, color='tab:green' if usual else 'tab:red', linewidth=0.8)
+    shares = UsualLead().entering(np.array([True]))[:, 0]
+    ratios = np.array([shares @ ratios_of(lead) for lead in leads])
+    beside = axes.twinx()
+    beside.plot(leads, np.log(ratios), color='black', linewidth=0.8)
+    beside.tick_params(labelsize=6)
 
 
 def usual_leads(values: Values) -> tuple[float, float, float]:
