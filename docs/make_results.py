@@ -77,7 +77,8 @@ def _tables(results: Path) -> Iterable[str]:
     decided = read_run(results / 'open')
     first = decided[0].summary
     versions = ', '.join(f'{name} {version}' for name, version in first['versions'].items())
-    yield f'Measured {first["date"][:10]} on {first["machine"]["cpu"]}; {versions}.'
+    commit = (first['commit'] or 'an unknown commit')[:8]
+    yield f'Measured {first["date"][:10]} at {commit} on {first["machine"]["cpu"]}; {versions}.'
     if (results / 'closed').exists():
         yield '### Best answers'
         yield from _accuracy(read_run(results / 'closed'))
