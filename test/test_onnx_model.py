@@ -61,7 +61,7 @@ def refused(match, path, *more, **settings):
     assert '\n' not in str(caught.value) and str(path) in str(caught.value)
 
 
-def test_a_vector_is_what_the_model_makes_of_the_normalised_image(tmp_path):
+def test_a_vector_is_the_models_output_for_the_normalised_image(tmp_path):
     image = np.zeros((8, 8), np.uint8)
     image[:4] = 255
     own = OnnxModel(model(tmp_path / 'm.onnx'), given={'mean': [0.5], 'scale': 0.25})

@@ -74,7 +74,7 @@ def test_rviz_shows_the_corrected_path_in_the_namespace(vpr):
     assert ' /vpr_node/' not in text and ' /pose_graph_node/' not in text
 
 
-def test_a_camera_gives_its_topics_and_what_is_given_besides_wins(launched, started):
+def test_a_camera_sets_its_topics_and_other_arguments_override_them(launched, started):
     _, (graph,) = launched(camera='zed')
     assert graph['remappings'] == []  # it follows the odometry of vpr_node
 

@@ -111,7 +111,7 @@ def test_a_deep_tree_has_many_words_and_each_descriptor_finds_its_own(random):
         )
 
 
-def test_a_word_of_every_image_weighs_nothing_and_a_rare_one_much():
+def test_a_visual_word_in_every_image_has_no_weight_and_a_rare_one_has():
     common, rare = np.zeros((2, 32), np.uint8), np.full((2, 32), 255, np.uint8)
     own = Vocabulary([common, common, common, np.concatenate((common, rare))], levels=6)
     assert len(own) == 2
@@ -322,7 +322,7 @@ def test_no_trajectory_leaves_the_map():
     assert np.isfinite(scores).tolist() == [False] * 7 + [True] * 5
 
 
-def test_a_frame_without_similarities_counts_as_none():
+def test_a_frame_without_similarities_adds_nothing_to_a_trajectory():
     row = np.eye(1, 12, 11, dtype=np.float32)[0]
     assert trajectory_scores([row, None])[11] == 0.5
     assert not np.isfinite(trajectory_scores([np.zeros(3, np.float32)] * 10)).any()

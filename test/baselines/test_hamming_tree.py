@@ -27,7 +27,7 @@ def keypoints(bits):
 
 
 @needs_pyhbst
-def test_a_share_counts_the_descriptors_of_the_query_that_an_image_has():
+def test_an_image_scores_the_share_of_query_descriptors_that_it_contains():
     first, second, third = np.random.default_rng(3).integers(0, 256, (3, 4, 32), np.uint8)
     nothing, tree = np.zeros((0, 32)), HammingTree()
     for image in (first, nothing, [*second[:2], *third[:1]]):

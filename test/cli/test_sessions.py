@@ -181,7 +181,7 @@ def test_maps_of_other_settings_are_refused_with_the_remedy(config, said, maps, 
     assert not (tmp_path / 'c.db').exists()
 
 
-def test_a_session_goes_into_a_map_once(two, maps, tmp_path, run):
+def test_merging_a_session_twice_is_refused(two, maps, tmp_path, run):
     code, line = run('map', 'merge', two, maps / 'drive1.db', '-o', tmp_path / 'c.db')
     assert code == 1 and "its session 'drive 1' is in" in line and 'leave one out' in line
     assert run('map', 'merge', two, two, '-o', tmp_path / 'c.db')[0] == 1

@@ -297,7 +297,7 @@ def test_a_pipe_with_the_name_of_a_journal_is_refused_at_once(path, end):
 
 
 @pytest.mark.parametrize('count', [0, 3])
-def test_places_that_were_added_are_taken_back(path, count):
+def test_added_places_and_sessions_are_removed_again(path, count):
     autosave = grown(path, count)
     autosave.close()
     before = autosave.reference_map.sessions
@@ -318,7 +318,7 @@ def test_places_that_were_added_are_taken_back(path, count):
         (lambda path, other: path.write_bytes(other.read_bytes()), 'it is another map'),
     ],
 )
-def test_a_map_that_is_another_one_now_is_not_taken_back(path, put, said):
+def test_nothing_is_removed_from_a_map_that_was_replaced(path, put, said):
     autosave = grown(path, 2)
     another = path.with_name('another.db')
     save_map(drawn(5), another)

@@ -46,7 +46,7 @@ def reference_map(shown):
 
 
 @pytest.fixture(scope='module')
-def way_back(shown):
+def return_drive(shown):
     """Return what the front camera, which sees nothing known, and the rear one show by turns."""
     frames = []
     for number in range(24):
@@ -55,13 +55,13 @@ def way_back(shown):
     return frames
 
 
-def test_each_camera_answers_from_its_own_past(reference_map, way_back):
+def test_each_camera_answers_from_its_own_past(reference_map, return_drive):
     cameras = Cameras(reference_map, OWN, [FRONT, REAR])
-    together = [cameras.process(frame) for frame in way_back]
-    assert [match.query_index for match in together] == list(range(len(way_back)))
+    together = [cameras.process(frame) for frame in return_drive]
+    assert [match.query_index for match in together] == list(range(len(return_drive)))
     for source in (FRONT, REAR):
         alone = PlaceRecognizer(reference_map, OWN)
-        own = [alone.process(frame) for frame in way_back if frame.source == source]
+        own = [alone.process(frame) for frame in return_drive if frame.source == source]
         said = [match for match in together if match.camera == source]
         assert [(one.reason, one.candidates) for one in said] == [
             (one.reason, one.candidates) for one in own
@@ -70,9 +70,9 @@ def test_each_camera_answers_from_its_own_past(reference_map, way_back):
     assert [one and one.reference_index for one in rear] == list(range(21, 11, -1))
 
 
-def test_the_most_confident_camera_localises_the_robot(reference_map, way_back):
+def test_the_most_confident_camera_localises_the_robot(reference_map, return_drive):
     cameras = Cameras(reference_map, OWN, [FRONT, REAR])
-    last = [cameras.process(frame) for frame in way_back][-2:]
+    last = [cameras.process(frame) for frame in return_drive][-2:]
     assert [match.camera for match in last] == [FRONT, REAR]
     for match in last:
         assert match.localization.state is LocalizationState.LOCALISED

@@ -53,7 +53,7 @@ def test_scores_are_cosines_of_descriptors_whitened_by_map_and_drive(reference_m
     assert rows[2].dtype == np.float32 and rows[2] == pytest.approx(expected, abs=1e-5)
 
 
-def test_a_map_that_grows_is_scored_as_far_as_it_goes(reference_map, described):
+def test_a_growing_map_is_scored_up_to_its_newest_place(reference_map, described):
     growing = ReferenceMap()
     coarse = CoarseScores(growing)
     rows = []
@@ -87,9 +87,7 @@ def test_scores_are_relative_to_the_mean_view_of_a_session(described):
     assert abs(row[len(town) :].mean()) < 0.3 * row.max()
 
 
-def test_the_likeliest_are_those_along_the_drive_and_those_of_the_newest_frame(
-    reference_map, described
-):
+def test_the_best_places_are_those_by_drive_and_by_newest_frame(reference_map, described):
     coarse = CoarseScores(reference_map)
     for place in range(20, 26):
         coarse.update(described(place, 1))

@@ -251,7 +251,7 @@ def lit(seed):
     return np.random.default_rng(seed).random((32, 32, 8), np.float32) ** 3
 
 
-def test_a_cell_loses_what_all_its_bins_have_and_is_saturated():
+def test_a_cell_loses_the_minimum_of_its_bins_and_is_saturated():
     cells = np.array([1, 3, 1, 1, 1, 1, 1, 1], np.float32).reshape(1, 1, 8)
     mean = 2 / 8
     expected = [0, 2 / (2 + 6 * mean), 0, 0, 0, 0, 0, 0]

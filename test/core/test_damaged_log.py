@@ -84,7 +84,7 @@ def test_a_size_of_pages_that_cannot_be_is_reported(ended, tmp_path, size):
         MapReader(damaged(ended, tmp_path, declare))
 
 
-def test_a_whole_log_is_read_and_what_was_never_safe_is_passed_over(ended, tmp_path):
+def test_a_whole_log_is_read_and_an_uncommitted_end_is_ignored(ended, tmp_path):
     assert len(MapReader(damaged(ended, tmp_path, lambda _: None))) == ended[1]
 
     def tear(data):

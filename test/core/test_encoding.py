@@ -28,21 +28,21 @@ import pytest
 from skimage.filters.rank import entropy as rank_entropy
 from skimage.morphology import disk
 
-WAYS = ['compiled', 'plain']
+KERNELS = ['compiled', 'plain']
 
 SIZES = [64, 112, 512, 528]
 
 
-@pytest.fixture(params=WAYS)
-def way(request, monkeypatch):
+@pytest.fixture(params=KERNELS)
+def kernels(request, monkeypatch):
     choose(request.param, monkeypatch)
     return request.param
 
 
-def choose(way, monkeypatch):
-    if way == 'compiled' and not compiled.available():
+def choose(kernels, monkeypatch):
+    if kernels == 'compiled' and not compiled.available():
         pytest.skip(f'no compiled kernels: {compiled.library().problem}')
-    monkeypatch.setattr(compiled, 'available', lambda: way == 'compiled')
+    monkeypatch.setattr(compiled, 'available', lambda: kernels == 'compiled')
 
 
 def histograms_by_definition(gray):
@@ -95,24 +95,24 @@ pictures = st.builds(
 )
 
 
-@pytest.mark.parametrize('way', WAYS)
+@pytest.mark.parametrize('kernels', KERNELS)
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(gray=pictures)
-def test_histograms_are_those_of_the_definition(way, gray):
+def test_histograms_are_those_of_the_definition(kernels, gray):
     with pytest.MonkeyPatch.context() as patch:
-        choose(way, patch)
+        choose(kernels, patch)
         cells = cell_histograms(gray)
     expected = histograms_by_definition(gray)
     assert cells.dtype == np.float32 and cells.shape == expected.shape
     assert np.abs(cells - expected).max() <= 1e-6 * max(expected.max(), 1)
 
 
-@pytest.mark.parametrize('way', WAYS)
+@pytest.mark.parametrize('kernels', KERNELS)
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(gray=pictures)
-def test_entropy_is_that_of_scikit_image_up_to_the_edges(way, gray):
+def test_entropy_is_that_of_scikit_image_up_to_the_edges(kernels, gray):
     with pytest.MonkeyPatch.context() as patch:
-        choose(way, patch)
+        choose(kernels, patch)
         small = local_entropy(gray, cv2.INTER_LINEAR)
         by_cell = cell_entropies(gray, len(gray) // 16, cv2.INTER_LINEAR)
     bits = cv2.resize(small, gray.shape[::-1], interpolation=cv2.INTER_LINEAR)
@@ -125,7 +125,7 @@ def test_entropy_is_that_of_scikit_image_up_to_the_edges(way, gray):
 
 
 @pytest.mark.parametrize('kind', ['blurred noise', 'few values', 'two values'])
-def test_the_same_regions_are_salient_as_by_definition(way, kind):
+def test_the_same_regions_are_salient_as_by_definition(kernels, kind):
     gray = picture(kind, 512, 3)
     means = entropy_by_definition(gray).reshape(32, 16, 32, 16).mean(axis=(1, 3))
     threshold = float(np.median(means)) / 8 * 1.01
@@ -140,9 +140,9 @@ def residue(grey, brightest):
     return 16 * (-value - 2 * value + 2 * value + value)
 
 
-def test_a_flat_patch_keeps_the_rounding_of_float64_as_the_released_script_does(way):
+def test_a_flat_patch_keeps_the_rounding_of_float64_as_the_released_script_does(kernels):
     greys = np.arange(1, 256, dtype=np.uint8).reshape(15, 17)
-    seen = set()
+    signs = set()
     for patch in greys.ravel():
         gray = np.full((32, 96), patch, np.uint8)
         gray[:, 64:] = 255
@@ -151,13 +151,13 @@ def test_a_flat_patch_keeps_the_rounding_of_float64_as_the_released_script_does(
         left_over = residue(float(patch), 255.0)
         expected[0 if left_over >= 0 else 4] = 128 * abs(left_over)
         assert left.tolist() == expected.astype(np.float32).tolist()
-        seen.add(np.sign(left_over))
-    assert seen == {-1, 0, 1}
+        signs.add(np.sign(left_over))
+    assert signs == {-1, 0, 1}
 
 
 @pytest.mark.parametrize('shape', [(1, 1), (1, 9), (480, 640)])
 @pytest.mark.parametrize('side', [64, 80, 2048])
-def test_images_of_any_size_are_encoded_at_every_size(way, shape, side):
+def test_images_of_any_size_are_encoded_at_every_size(kernels, shape, side):
     image = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
     found = describe(image, EncodingConfig(image_size_px=side))
     cells = side // 16

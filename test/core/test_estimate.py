@@ -56,7 +56,7 @@ def test_neighbours_that_score_nearly_as_well_widen_the_covariance():
     assert variance == pytest.approx(36 / 12 + (0 + 36 + 144) / 3)
 
 
-def test_in_a_bend_doubt_between_places_is_doubt_about_the_heading():
+def test_in_a_bend_ambiguous_places_raise_the_heading_uncertainty():
     turns = np.radians([160, -170, -150])
     places = along(*(pose(x, yaw=turn) for x, turn in enumerate(turns)))
     row = np.array([0.5, 0.5, 0.1], np.float32)

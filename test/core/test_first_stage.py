@@ -47,11 +47,11 @@ class Reddish:
     identity, wants_color = 'reddish', True
 
     def __init__(self):
-        self.seen = []
+        self.images = []
 
     def __call__(self, image):
-        """Take note of what was seen."""
-        self.seen.append(image)
+        """Keep the image."""
+        self.images.append(image)
         return cv2.resize(image.astype(np.float32), (2, 8)).ravel()
 
 
@@ -225,15 +225,15 @@ def test_colour_reaches_a_callable_that_wants_it_upright_and_masked(image):
     gray = image(1)
     color = np.stack([gray, gray // 2, gray // 3], axis=2)
     built = build_map([Frame(1, gray, color=color)], None, config, describe=reddish)
-    (seen,) = reddish.seen
-    assert seen.shape == (120, 160, 3)
+    (taken,) = reddish.images
+    assert taken.shape == (120, 160, 3)
     turned = np.rot90(color, 2)
-    assert (seen[:, :60] == turned[:, :60]).all()
-    assert (seen[:, 100:] == 128).all()
+    assert (taken[:, :60] == turned[:, :60]).all()
+    assert (taken[:, 100:] == 128).all()
     assert len(built) == 1
     # Where there is no colour, it gets the grey image.
     build_map([Frame(1, gray)], None, config, describe=reddish)
-    assert reddish.seen[-1].shape == (120, 160)
+    assert reddish.images[-1].shape == (120, 160)
 
 
 def test_a_map_names_its_descriptor_model_unless_it_is_built_in(frames, tmp_path):

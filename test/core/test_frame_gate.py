@@ -210,7 +210,7 @@ def missing_keyframes(shown, keyframes):
     return found
 
 
-def test_frames_dropped_between_keyframes_are_none_and_long_gaps_are_several():
+def test_only_gaps_longer_than_the_keyframe_spacing_count_as_missing_keyframes():
     shown = [index for index in range(120) if index not in (31, 32, *range(61, 80))]
     found = missing_keyframes(shown, range(0, 120, 5))
     assert {index: count for index, count in found.items() if count} == {80: 3}

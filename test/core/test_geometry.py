@@ -73,7 +73,7 @@ def test_a_shift_beyond_the_search_is_not_found(kernel):
 
 
 @each
-def test_regions_are_kept_to_half_a_step_and_what_is_no_number_is_zero(kernel):
+def test_regions_are_rounded_to_int8_and_invalid_values_become_zero(kernel):
     regions = unit(scene(9, SIDE).reshape(-1, 32))
     regions[5, 3], regions[6, 4], regions[7, 2] = np.nan, np.inf, 2.0
     rows = np.zeros((SIDE, 8, 32), np.int32)

@@ -244,7 +244,7 @@ def test_the_old_map_is_mended_before_its_journal_goes(crashed, monkeypatch):
     assert holds(crashed) == 20 and not crashed.with_name('map.db-journal').exists()
 
 
-def test_a_copy_of_what_changes_meanwhile_is_not_read(crashed, monkeypatch):
+def test_a_map_that_is_replaced_during_its_copy_is_read_anew(crashed, monkeypatch):
     """Another program mends the map, and replaces it, while its journal is copied."""
     copy = crash_recovery.shutil.copyfile
 

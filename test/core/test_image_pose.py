@@ -202,8 +202,8 @@ def test_a_match_off_its_epipolar_line_is_left_out():
     camera = Camera(640, 480, 500.0, 500.0, 320.0, 240.0)
     points = rng.uniform((-2, -1.5, 4), (2, 1.5, 12), (60, 3))
     views = []
-    for seen in (points, points + moved[:3, 3]):
-        pixels = 500 * seen[:, :2] / seen[:, 2:] + (320, 240)
+    for view in (points, points + moved[:3, 3]):
+        pixels = 500 * view[:, :2] / view[:, 2:] + (320, 240)
         shares, descriptors = pixels / (640, 480), 100 * np.eye(60, dtype=np.float32)
         views.append(KeypointView(camera, Keypoints(shares, descriptors, (640, 480))))
     views[1].keypoints.shares[7] += 0.0, 0.1
@@ -218,7 +218,7 @@ def test_a_camera_on_its_side_has_its_depth_turned_with_it(deep_street):
     assert np.array_equal(turned.depth_m, np.rot90(frame.depth_m))
 
 
-def test_a_file_keeps_depths_and_one_without_is_as_before(deep_street, tmp_path):
+def test_a_file_keeps_the_depths_of_the_places_that_have_some(deep_street, tmp_path):
     path, plain = tmp_path / 'map.sqlite', tmp_path / 'plain.sqlite'
     held = build_map(blind(deep_street[0]), path, EVERY)
     build_map(blind(deep_street[0], lambda _: None), plain, EVERY)

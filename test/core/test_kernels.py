@@ -62,10 +62,10 @@ def compared(kernel, query, references):
 )
 @example(side=4, share=0.0, seed=567, which=('regional', 'float32'))
 def test_scores_agree_for_any_size_and_any_salient_share(side, share, seed, which):
-    way, name = which
+    matching, name = which
     needs_library()
     kernels = [
-        chosen_kernels(MatchingConfig(matching=way, kernel=one))[0] for one in (name, 'numpy')
+        chosen_kernels(MatchingConfig(matching=matching, kernel=one))[0] for one in (name, 'numpy')
     ]
     references = [drawn(seed + 1, side).cells, drawn(seed, side).cells]
     found, expected = (compared(one, drawn(seed, side, share), references) for one in kernels)
@@ -73,7 +73,7 @@ def test_scores_agree_for_any_size_and_any_salient_share(side, share, seed, whic
     if name == 'int8':
         # Few regions: one rounded product, or one vote, is much of the mean.
         count = max(1, share * (side - 2) ** 2)
-        tolerance += 3 / count if way == 'coherent' else 1e-2 / count**0.5
+        tolerance += 3 / count if matching == 'coherent' else 1e-2 / count**0.5
     assert np.abs(found[0] - expected[0]).max() < tolerance
 
 
@@ -184,9 +184,9 @@ def told(*found):
 noise = np.random.default_rng(5).integers(0, 256, (6, 512, 512), np.uint8)
 shown = [describe(cv2.GaussianBlur(one, (0, 0), 5)) for one in noise]
 told(*(one.cells for one in shown))
-for way in ('coherent', 'regional'):
+for matching in ('coherent', 'regional'):
     for name in ('int8', 'float32'):
-        kernel = chosen_kernels(MatchingConfig(matching=way, kernel=name))[0]
+        kernel = chosen_kernels(MatchingConfig(matching=matching, kernel=name))[0]
         background = own = None
         if kernel.project:
             background = kernel.project(shown[5].cells)
@@ -237,7 +237,7 @@ def test_kernels_of_every_instruction_set_give_identical_bits(variant):
 
 @pytest.mark.parametrize('numbers', [1, 12, 15, 16, 17, 31, 32, 252])
 @pytest.mark.parametrize('compiled', [True, False])
-def test_products_of_halves_are_those_of_the_numbers(numbers, compiled, monkeypatch):
+def test_products_of_float16_rows_are_those_of_float64(numbers, compiled, monkeypatch):
     if compiled:
         needs_library()
     else:
@@ -270,7 +270,7 @@ def test_rough_scores_are_those_of_the_definition(kernel, image):
 
 
 @pytest.mark.parametrize('kernel', ['int8', 'float32', 'numpy'])
-def test_regions_of_a_reference_come_back(kernel, image):
+def test_regions_of_a_prepared_reference_are_recovered(kernel, image):
     pair = chosen_kernels(MatchingConfig(kernel=kernel))[0]
     cells = describe(image(3)).cells
     regions = pair.subtract(pair.project(cells), None)[0]

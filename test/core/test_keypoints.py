@@ -149,7 +149,7 @@ def test_keypoints_must_move_as_the_cells_did(down, across):
     assert agreeing_blocks(one, moved, -motion, SIDE) < agreed / 8
 
 
-def test_a_motion_may_grow_from_the_middle():
+def test_keypoints_agree_with_a_motion_that_expands_from_the_middle():
     """By hand: at a quarter of the image beside its middle, a motion of 8 cells a side."""
     spread = [range(start, start + 20) for start in range(0, 240, 60)]
     here = np.array([[0.25, 0.5], [0.75, 0.5], [0.5, 0.25], [0.5, 0.75]])
@@ -163,7 +163,7 @@ def test_a_motion_may_grow_from_the_middle():
     assert agreeing_blocks(one, other, grows[::-1], SIDE) == 0  # each would move the other way
 
 
-def test_a_single_object_counts_few_blocks():
+def test_a_single_common_object_gives_few_agreeing_blocks():
     one, other = drawn(8), drawn(9)
     one[100:140, 100:160] = other[100:140, 100:160] = drawn(10)[100:140, 100:160]
     first, second = keypoints(one, most=1000), keypoints(other, most=1000)
@@ -262,9 +262,9 @@ def test_a_brightness_is_of_a_coarse_grid():
 @pytest.mark.parametrize('light', [1.0, 0.93, 0.6, 0.2])
 def test_the_difference_of_light_is_that_of_the_logarithms_of_brightness(walled, light):
     witness = KeypointWitness(walled, 300)
-    seen = [witness.difference(one, SHOWN, 12) for one in frames(12, light)]
+    differences = [witness.difference(one, SHOWN, 12) for one in frames(12, light)]
     # The logarithm is of four levels more than the brightness, which is 80 to 120 here.
-    assert seen[-1] == pytest.approx(-math.log(light), abs=0.06)
+    assert differences[-1] == pytest.approx(-math.log(light), abs=0.06)
 
 
 def test_the_light_of_a_drive_is_its_mean_and_a_reset_forgets_it(walled):
@@ -290,12 +290,12 @@ def test_without_thumbnails_or_images_the_light_is_unknown(walled):
 def test_the_light_difference_is_updated_as_the_map_grows():
     grown = ReferenceMap(SMALL)
     dim, light = frames(2, 0.5), frames(12)
-    witness, seen = KeypointWitness(grown, 300), describe(walls(1)[0], SMALL)
+    witness, descriptor = KeypointWitness(grown, 300), describe(walls(1)[0], SMALL)
     for frame in dim:
-        grown.add_frame(frame, seen, 64)
+        grown.add_frame(frame, descriptor, 64)
     assert witness.difference(light[0], SHOWN, 2) > 0.6
     for frame in light:
-        grown.add_frame(frame, seen, 64)
+        grown.add_frame(frame, descriptor, 64)
     assert witness.difference(light[0], SHOWN, 14) < 0.15
 
 
@@ -337,10 +337,10 @@ def test_keypoints_that_never_agree_deny_matches_and_those_that_stop_do_not(
     recognizer = PlaceRecognizer(known, OWN)
     blocks, shown = KeypointWitness.blocks, []
 
-    def seen(*asked):
+    def blocks_at_first(*asked):
         return blocks(*asked) if len(shown) < until else 0
 
-    monkeypatch.setattr(KeypointWitness, 'blocks', seen)
+    monkeypatch.setattr(KeypointWitness, 'blocks', blocks_at_first)
     for frame in frames(50)[10:]:
         shown.append(recognizer.process(frame))
     assert all(match.accepted for match in shown[until + 6 :]) is found

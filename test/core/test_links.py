@@ -34,7 +34,7 @@ def linked(*pairs, starts=()):
     return links
 
 
-def test_a_look_takes_over_the_anchor_of_what_it_shows():
+def test_a_look_inherits_the_anchor_of_the_place_it_shows():
     links = linked((100, 40), (200, 100), (300, 200), (301, 41))
     anchors = [links.anchor(index) for index in (40, 100, 200, 300, 301, 7)]
     assert anchors == [40, 40, 40, 40, 41, 7]
@@ -49,14 +49,14 @@ def test_looks_are_places_whose_anchors_lie_within_eight_of_one_another():
     assert links.looks(7) == links.looks(150) == ()
 
 
-def test_places_of_another_session_are_never_beside_nor_around():
+def test_places_of_another_session_are_never_neighbours():
     links = linked((50, 48), (52, 10), starts=(50,))
     assert links.looks(48) == (50,)  # two places on, in another session
     assert links.looks(50) == (*range(40, 50),)
     assert links.looks(52) == (*range(2, 19),)
 
 
-def test_a_link_that_is_there_stays_and_a_later_place_is_no_look():
+def test_an_existing_link_stays_and_a_link_to_a_later_place_is_refused():
     links = linked((20, 10), (20, 10), (20, 15))
     assert [*links] == [(20, 10)] and len(links.since(0, 21)) == 1
     for other in (20, 21, -1):
@@ -97,8 +97,8 @@ def told(link):
     pose = link.relative
     numbers = pose and (pose.orientation, pose.position_m, pose.direction, pose.inliers)
     covariance = pose and pose.covariance.tolist()
-    seen = link.place, link.other, link.anchor, link.confidence, link.inliers
-    return *seen, numbers, covariance, pose and pose.explains
+    fields = link.place, link.other, link.anchor, link.confidence, link.inliers
+    return *fields, numbers, covariance, pose and pose.explains
 
 
 def test_links_keep_all_that_a_back_end_asks_for_through_a_file(a_map, path):
@@ -118,7 +118,7 @@ def test_links_keep_all_that_a_back_end_asks_for_through_a_file(a_map, path):
     assert not opened.problem and opened.links.looked_up_count == 4
 
 
-def test_a_link_whose_other_place_goes_leads_past_it(a_map):
+def test_a_link_to_a_removed_place_leads_to_the_place_behind_it(a_map):
     whole = a_map(40)
     whole.links.add(20, 10, 0.97, 41, measured(1.0, 0.2))
     whole.links.add(30, 20, 0.99, 40, measured(2.0, -0.1))
@@ -140,12 +140,12 @@ def test_the_covariance_of_two_steps_is_what_drawn_steps_scatter_by():
     mean = matrix(two.pose) @ matrix(one.pose)
 
     def drawn(pose):
-        moved, (*way, a, b, c) = (
+        moved, (*translation, a, b, c) = (
             matrix(pose.pose),
             rng.multivariate_normal([0] * 6, pose.covariance),
         )
         moved[:3, :3] = turned_by((a, b, c)) @ moved[:3, :3]
-        moved[:3, 3] += way
+        moved[:3, 3] += translation
         return moved
 
     errors = []

@@ -28,7 +28,7 @@ SETTINGS = {
     'every frame': {'keyframe_overlap': 1.0},
     'every frame, as in the paper': {'keyframe_overlap': 1.0, 'matching': 'regional'},
     'by time': {'keyframe_interval_s': 4.0, 'keyframe_overlap': 1.0},
-    'by time and way': {'keyframe_interval_s': 2.0, 'keyframe_distance_m': 1.5},
+    'by time and distance': {'keyframe_interval_s': 2.0, 'keyframe_distance_m': 1.5},
 }
 
 

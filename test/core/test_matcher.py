@@ -34,16 +34,16 @@ def drawn_map(count, blank=()):
 
 
 @pytest.fixture(params=['coherent', 'regional'])
-def way(request):
+def kind(request):
     return request.param
 
 
 @pytest.fixture(params=KERNELS)
-def made(request, way):
+def made(request, kind):
     """Return a function that makes a matcher of a map, with one kernel."""
 
     def make(reference_map, kept=None, threads=1):
-        matching = MatchingConfig(matching=way, kernel=request.param, threads=threads)
+        matching = MatchingConfig(matching=kind, kernel=request.param, threads=threads)
         return Matcher(reference_map, matching, 0.45, kept)
 
     return make
@@ -131,9 +131,9 @@ def test_a_failure_in_any_lot_is_raised_once(made, watched, monkeypatch):
     assert watched.reads == [list(range(40))]
 
 
-def test_exact_scores_are_those_of_the_definition(made, way):
+def test_exact_scores_are_those_of_the_definition(made, kind):
     reference_map = drawn_map(6)
-    definition = Matcher(reference_map, MatchingConfig(matching=way, kernel='numpy'), 0.45)
+    definition = Matcher(reference_map, MatchingConfig(matching=kind, kernel='numpy'), 0.45)
     expected = definition.scores_of([(definition.extract(drawn(2)), np.arange(6))])[0]
     matcher = made(reference_map)
     query = matcher.extract(drawn(2))
@@ -144,10 +144,10 @@ def test_exact_scores_are_those_of_the_definition(made, way):
         assert np.abs(matcher.scores_of([(query, np.arange(6))])[0] - expected).max() < 1e-6
 
 
-def test_only_coherent_matching_gives_the_shift(made, way):
+def test_only_coherent_matching_gives_the_shift(made, kind):
     matcher = made(drawn_map(3))
     query = matcher.extract(drawn(1))
-    assert matcher.shift(query, 1) == ((0.0, 0.0) if way == 'coherent' else None)
+    assert matcher.shift(query, 1) == ((0.0, 0.0) if kind == 'coherent' else None)
 
 
 @pytest.mark.parametrize('kernel', ['float32', 'int8'])
@@ -159,8 +159,8 @@ def test_a_kernel_that_the_machine_cannot_run_is_refused(monkeypatch, kernel):
         Matcher(ReferenceMap(), MatchingConfig(kernel=kernel), 0.5)
 
 
-def test_auto_takes_the_fastest_kernel_that_there_is(way):
-    kernel = Matcher(ReferenceMap(), MatchingConfig(matching=way, kernel='auto'), 0.5).kernel
+def test_auto_takes_the_fastest_kernel_that_there_is(kind):
+    kernel = Matcher(ReferenceMap(), MatchingConfig(matching=kind, kernel='auto'), 0.5).kernel
     assert kernel.split()[0] == KERNELS[-1]
 
 

@@ -56,7 +56,7 @@ def test_a_glance_is_invariant_to_brightness_and_a_flat_image_has_none():
     assert glance(np.zeros((1, 1), np.uint8)) is None
 
 
-def test_frames_are_near_within_three_quarters_of_what_was_near_before_a_far_one():
+def test_the_near_distance_is_three_quarters_of_the_largest_before_a_far_frame():
     near = told(0.2, 0.4, 0.3, FAR)
     assert sure(near, 0.0, 0.29, 0.31) == [True, True, False]
     assert not near.is_sure(None)
@@ -136,8 +136,8 @@ def test_glances_select_the_same_keyframes_as_descriptors_of_every_frame(
         for _ in range(30)
     ]
     frames = [*moving[:25], *still, *moving[25:]]
-    way = [*range(25), *[24] * len(still), *range(25, len(moving))]
-    poses = [at(0.13 * step) if odometry else None for step in way]
+    steps = [*range(25), *[24] * len(still), *range(25, len(moving))]
+    poses = [at(0.13 * step) if odometry else None for step in steps]
     reasons, encoded = gated(frames, poses)
     expected, every = gated(frames, poses, by_glance=False)
     assert keyframes(reasons) == keyframes(expected)

@@ -82,7 +82,7 @@ def test_scene_overlap_is_the_coherent_score_of_normalised_cells():
     assert since(one, other) == pytest.approx([expected], abs=1e-6)
 
 
-def test_the_same_view_overlaps_and_it_gets_less_and_less_on_the_way():
+def test_the_overlap_with_a_view_falls_as_the_camera_approaches():
     shares = since(view(), *(view(scale) for scale in (1.0, 1.05, 1.1, 1.2, 1.4)))
     assert shares[0] > 0.95 and shares[-1] < 0.5
     assert sorted(shares, reverse=True) == shares

@@ -75,7 +75,7 @@ def test_a_camera_of_impossible_numbers_measures_nothing(street, made):
     assert made(replace(query, camera=replace(query.camera, fx_px=math.nan)), 11) is None
 
 
-def test_the_same_image_is_at_the_same_spot(street, made):
+def test_an_image_of_the_map_is_located_at_its_own_place(street, made):
     pose = made(street[0][11], 11)
     assert math.hypot(*pose.position_m) < 0.05
     bare = [replace(one, pose=None) for one in street[0]]
@@ -83,7 +83,7 @@ def test_the_same_image_is_at_the_same_spot(street, made):
 
 
 @pytest.mark.parametrize('turn_rad', [0.3, -0.3])
-def test_the_search_for_regions_begins_where_the_whole_image_went(street, made, turn_rad):
+def test_the_search_for_regions_starts_at_the_shift_of_the_image(street, made, turn_rad):
     """A camera that turned to a side shows everything some nine cells further on the other."""
     query, place = street[1][9], street[0][11]
     camera = query.camera
@@ -219,7 +219,7 @@ def scene():
     return cv2.normalize(coarse + 2 * fine, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
 
 
-def seen_by(scene, yaw):
+def image_at(scene, yaw):
     """Return what a pinhole camera at the middle of the scene sees, turned to the left by yaw."""
     sine, cosine = math.sin(yaw), math.cos(yaw)
     # Camera axes: x right, y down, z forward. Directions of the turned camera in those of the
@@ -244,7 +244,7 @@ def measured_px(query, reference):
 
 @pytest.mark.parametrize('degrees', [-16, -8, 0, 8, 16])
 def test_a_camera_turned_to_the_left_has_a_positive_yaw(scene, degrees):
-    query, reference = seen_by(scene, math.radians(degrees)), seen_by(scene, 0.0)
+    query, reference = image_at(scene, math.radians(degrees)), image_at(scene, 0.0)
     yaw = relative_yaw(measured_px(query, reference), CAMERA)
     a_cell = math.atan(CELL_PX / CAMERA.fx_px)
     assert yaw == pytest.approx(math.radians(degrees), abs=0.7 * a_cell)
@@ -260,7 +260,7 @@ def test_a_known_shift_is_a_known_angle():
     assert relative_yaw((0.0, 100.0), CAMERA) == -relative_yaw((0.0, -100.0), CAMERA)
 
 
-def test_a_camera_is_fitted_to_smaller_images_and_turns_stay_what_they_are():
+def test_a_camera_fitted_to_smaller_images_gives_the_same_yaw():
     small = fitted(CAMERA, HEIGHT // 2, WIDTH // 4)
     assert small == Camera(160, 240, 125.0, 250.0, 80.0, 120.0)
     assert fitted(CAMERA, HEIGHT, WIDTH) is CAMERA

@@ -47,7 +47,7 @@ def driven(lights, seed=0, missed=3):
 
 
 @pytest.mark.parametrize('most', [1, 2, 3, 5])
-def test_each_light_stays_before_any_stays_twice(most):
+def test_pruning_keeps_a_look_of_each_light_before_a_second_one(most):
     days = [0, 0, 1, 1, 0, 2, 1, 0, 2]
     whole = driven(days)
     out = Pruning(whole, most).surplus

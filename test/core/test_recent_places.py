@@ -21,7 +21,7 @@ import pytest
 pytestmark = pytest.mark.once
 
 SECOND = 10**9
-WIDTH, HEIGHT, STEP = 160, 120, 16  # of an image in pixels; way of the camera in pixels a metre
+WIDTH, HEIGHT, STEP = 160, 120, 16  # of an image in pixels; motion of the camera in pixels a metre
 SMALL = EncodingConfig(image_size_px=128)
 ONLINE = make_config({'image_size_px': 128, 'mode': 'online'})
 SPACINGS = {
@@ -31,7 +31,7 @@ SPACINGS = {
     'by time': {'keyframe_interval_s': 1.0},
 }
 # Metres from the start at each frame, and seconds between frames.
-WAYS = {
+DRIVES = {
     'as it comes': (np.arange(0, 90, 1.0), 0.1),
     'creeping': (np.arange(0, 90, 0.5), 0.3),
     'stop and go': ([m for m in range(90) for _ in range(1 if m % 20 else 15)], 0.1),
@@ -51,10 +51,10 @@ def wall():
     return cv2.normalize(sum(layers), None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
 
 
-def along(wall: np.ndarray, way: Sequence[float], step_s: float) -> list[Frame]:
+def along(wall: np.ndarray, metres_along: Sequence[float], step_s: float) -> list[Frame]:
     """Return what a camera sees that moves along a wall, with a little noise."""
     frames, rng = [], np.random.default_rng(2)
-    for number, metres in enumerate(way):
+    for number, metres in enumerate(metres_along):
         left = round(metres * STEP)
         gray = np.take(wall, range(left, left + WIDTH), axis=1, mode='wrap')
         gray = np.clip(gray + rng.normal(0, 1, gray.shape), 0, 255).astype(np.uint8)
@@ -79,9 +79,9 @@ def scenes(frames, config):
     return [one.passed for one in verdicts], [one.reason is None for one in verdicts]
 
 
-@pytest.mark.parametrize('way', WAYS)
-def test_scenes_are_counted_by_the_default_spacing_at_any_keyframe_setting(wall, way):
-    frames = along(wall, *WAYS[way])
+@pytest.mark.parametrize('drive', DRIVES)
+def test_scenes_are_counted_by_the_default_spacing_at_any_keyframe_setting(wall, drive):
+    frames = along(wall, *DRIVES[drive])
     counted, keyframes = scenes(frames, ONLINE)
     assert counted == np.cumsum(keyframes).tolist()
     assert 35 <= counted[-1] <= 50  # of the same wall, however it is passed
@@ -90,13 +90,13 @@ def test_scenes_are_counted_by_the_default_spacing_at_any_keyframe_setting(wall,
 
 
 @pytest.mark.parametrize(
-    ('way', 'spacing'),
-    [(way, 'default') for way in WAYS]
+    ('drive', 'spacing'),
+    [(drive, 'default') for drive in DRIVES]
     + [('as it comes', spacing) for spacing in SPACINGS if spacing != 'default']
     + [('stop and go', 'every frame')],
 )
-def test_a_drive_that_never_returns_matches_nothing(wall, way, spacing):
-    frames = along(wall, *WAYS[way])
+def test_a_drive_that_never_returns_matches_nothing(wall, drive, spacing):
+    frames = along(wall, *DRIVES[drive])
     recognizer, matches = driven(frames, with_values(ONLINE, SPACINGS[spacing]))
     assert recognizer.mapping.usable >= 5  # there was something to match
     assert not [match.query_index for match in matches if match.accepted]
@@ -122,8 +122,8 @@ def test_the_way_back_over_the_same_view_is_a_return(wall):
     found = [match for match in matches if match.accepted]
     assert len(found) > 10 and min(match.query_index for match in found) > len(there)
     for match in found:
-        seen = round((match.accepted.reference_stamp_ns - SECOND) / SECOND)
-        assert abs(seen - (2 * len(there) - 1 - match.query_index)) <= 3
+        place = round((match.accepted.reference_stamp_ns - SECOND) / SECOND)
+        assert abs(place - (2 * len(there) - 1 - match.query_index)) <= 3
 
 
 def test_the_messages_about_retired_exclusions_give_the_number_of_keyframes():

@@ -26,7 +26,7 @@ STEP_NS = 100_000_000
 PLACES = 90
 SMALL = EncodingConfig(image_size_px=256)
 BY_TIME = KeyframeConfig(keyframe_interval_s=0.3)
-BY_WAY = KeyframeConfig(keyframe_distance_m=2.5)
+BY_DISTANCE = KeyframeConfig(keyframe_distance_m=2.5)
 OWN = make_config(
     {'image_size_px': 256, 'matching': 'coherent', 'search': 'shortlist', 'fixed_length': 4}
 )
@@ -72,7 +72,7 @@ def drive(image):
 
 
 def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, drive):
-    recognizer = PlaceRecognizer(map_of(third_places, BY_WAY), OWN)
+    recognizer = PlaceRecognizer(map_of(third_places, BY_DISTANCE), OWN)
     slowly = np.repeat(np.arange(30, 48), 2).tolist()
     places = [*slowly, *range(48, 60), *range(60, 88, 3)]
     matches = drive(recognizer, places, odometry=0)
@@ -81,9 +81,9 @@ def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, dri
     assert all(match.accepted for match in asked[-6:])
 
 
-def test_after_a_clock_jump_the_first_frame_is_a_keyframe_and_was_looked_at(drive):
-    grown = ReferenceMap(SMALL, keyframes=BY_WAY)
-    config = replace(ONLINE, keyframes=BY_WAY)
+def test_after_a_clock_jump_the_first_frame_is_a_described_keyframe(drive):
+    grown = ReferenceMap(SMALL, keyframes=BY_DISTANCE)
+    config = replace(ONLINE, keyframes=BY_DISTANCE)
     recognizer = PlaceRecognizer(grown, config)
     drive(recognizer, range(7), start_ns=10**12, odometry=0)
     drive(recognizer, range(6, 12), odometry=0)
@@ -224,7 +224,7 @@ def test_a_longer_fixed_length_set_while_running_waits_for_its_frames(reference_
     assert {match.pairs_scored for match in matches[2:]} == {MAPPED}
 
 
-def test_a_map_that_shows_nothing_answers_without_a_match(image):
+def test_a_map_of_blank_images_gives_no_match(image):
     dark, black = np.zeros((64, 64), np.uint8), ReferenceMap(SMALL)
     for index in range(3):
         black.add_frame(Frame(index + 1, dark), describe(dark, SMALL), 0)

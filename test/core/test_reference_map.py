@@ -96,7 +96,7 @@ def declaring(jpeg, height, width):
     )
 
 
-def test_only_what_may_be_a_thumbnail_is_decoded(monkeypatch):
+def test_a_jpeg_larger_than_a_thumbnail_is_not_decoded(monkeypatch):
     jpeg = thumbnail(np.full((480, 640), 90, np.uint8), 640)
     assert decode_jpeg(jpeg).shape == (480, 640)
     assert decode_jpeg(thumbnail(np.full((5000, 2), 90, np.uint8), 640)).shape[0] == 2560

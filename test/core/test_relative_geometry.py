@@ -36,7 +36,7 @@ def scene(seed=0):
     return np.column_stack((flat, np.ones(len(flat)))), 1 / depths_m
 
 
-def seen(ahead, inverse_m, moved):
+def projected(ahead, inverse_m, moved):
     points = ahead @ moved[:3, :3].T + inverse_m[:, None] * moved[:3, 3]
     return points[:, :2] / points[:, 2:]
 
@@ -103,7 +103,7 @@ def test_a_camera_of_impossible_numbers_is_not_usable(wrong):
 
 def test_depths_follow_from_neighbours_at_a_known_distance():
     ahead, inverse_m = scene()
-    sights = [Sight(seen(ahead, inverse_m, MOVED), MOVED, SCALE)]
+    sights = [Sight(projected(ahead, inverse_m, MOVED), MOVED, SCALE)]
     found = triangulate(ahead, sights)
     known = found.information > 300
     assert known.mean() > 0.5
@@ -112,7 +112,7 @@ def test_depths_follow_from_neighbours_at_a_known_distance():
 
 def test_a_motion_is_found_among_wrong_displacements():
     ahead, inverse_m = scene()
-    there = seen(ahead, inverse_m, MOVED)
+    there = projected(ahead, inverse_m, MOVED)
     rng = np.random.default_rng(1)
     there[rng.random(len(there)) < 0.3] += rng.normal(0, 0.2, 2)
     there[::7] = np.nan
@@ -135,17 +135,17 @@ def test_unrelated_displacements_are_aligned_with_nothing():
 
 def test_two_views_give_the_rotation_and_the_direction():
     ahead, inverse_m = scene()
-    found = two_view(ahead[:, :2], seen(ahead, inverse_m, MOVED), SCALE)
+    found = two_view(ahead[:, :2], projected(ahead, inverse_m, MOVED), SCALE)
     assert found.turned == pytest.approx(MOVED[:3, :3], abs=5e-3)
-    way = inverse(MOVED)[:3, 3]
-    assert found.direction @ way / np.linalg.norm(way) > 0.99
+    translation = inverse(MOVED)[:3, 3]
+    assert found.direction @ translation / np.linalg.norm(translation) > 0.99
 
 
 def test_a_turn_on_the_spot_has_no_direction():
     ahead, inverse_m = scene()
     turned = MOVED.copy()
     turned[:3, 3] = 0
-    found = two_view(ahead[:, :2], seen(ahead, inverse_m, turned), SCALE)
+    found = two_view(ahead[:, :2], projected(ahead, inverse_m, turned), SCALE)
     assert found.direction is None
     assert found.turned == pytest.approx(turned[:3, :3], abs=1e-4)
     assert two_view(ahead[:, :2], ahead[:, :2], SCALE).direction is None
@@ -182,7 +182,7 @@ def test_the_covariance_of_a_base_is_that_of_its_lens_moved_there():
     assert fewer.covariance - floor == pytest.approx(wider * (first.covariance - floor), rel=1e-9)
 
 
-def test_a_position_that_is_not_sure_is_not_reported():
+def test_a_position_with_a_large_sigma_is_not_reported():
     found = base_pose(alignment(np.eye(6)), ROBOT_LENS, ROBOT_LENS)
     assert found.position_m is None and found.position_sigma_m is None
     assert found.direction is not None and found.covariance[0, 0] >= 1e6

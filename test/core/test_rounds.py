@@ -131,8 +131,8 @@ def test_a_robot_that_was_carried_away_is_localised_within_four_frames(recognize
     how = {'light': 'evening', 'lane_offset_m': -0.5, 'seed': 4, 'num_frames': 9}
     frames = drawn(5, start_m=4.4, **how) + drawn(5, start_m=36.4, **how)
     # Odometry goes on from where the robot was lifted, and has an origin of its own.
-    ways = [Pose((float(step), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)) for step in range(len(frames))]
-    told = states(recognizer, frames, ways if has_odometry else [None] * len(frames))
+    poses = [Pose((float(step), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)) for step in range(len(frames))]
+    told = states(recognizer, frames, poses if has_odometry else [None] * len(frames))
     here, there = told[:9], told[9:]
     assert here[0][0] is not LOCALISED and (LOCALISED in [state for state, _ in here[:4]])
     assert there[-1][0] is LOCALISED

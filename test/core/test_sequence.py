@@ -68,7 +68,7 @@ def test_the_longest_and_the_shortest_chosen_length_are_kept():
     assert length(frames(30), [0] * 30, SequenceConfig(min_length=5)) == 5
 
 
-def test_while_the_outermost_frame_overlaps_the_anchor_more_frames_are_awaited():
+def test_the_length_is_unknown_while_the_outermost_frame_overlaps_the_anchor():
     assert length(frames(4), [1] * 4) is None
     assert length(frames(4), [1, 1, 1, 0.5]) == 4
 
@@ -124,7 +124,7 @@ def test_scores_are_those_of_the_definition(rows, bounds):
     assert sequence_scores(rows, some, bounds=bounds) == pytest.approx(expected)
 
 
-def test_a_diagonal_meets_a_reference_for_each_frame_ahead_or_backwards():
+def test_a_diagonal_has_one_reference_per_frame_at_each_velocity():
     assert diagonal(4, 2.0) == [0, 2, 4, 6] and diagonal(4, -2.0) == [0, -2, -4, -6]
     assert diagonal(5, 0.5) == [0, 1, 1, 2, 2] and diagonal(5, -0.5) == [0, -1, -1, -2, -2]
 
@@ -188,7 +188,7 @@ def test_frames_can_be_compared_by_the_regions_of_the_newest():
     assert np.isnan(shared.frames[2].row).all() and not np.isnan(buffer.frames[2].row).any()
 
 
-def test_frames_that_never_came_hold_their_places_and_more_than_five_empty_the_buffer():
+def test_up_to_five_missing_frames_leave_gaps_and_more_empty_the_buffer():
     _, buffer = filled(drawn(0, 2))
     buffer.add_empty(5, NOTHING, 10)
     append(buffer)
@@ -203,7 +203,7 @@ def drawn(seed, frames=1):
 
 @pytest.mark.parametrize('seed', range(20))
 @pytest.mark.parametrize('frames', [1, 4])
-def test_the_best_is_the_exactly_best(seed, frames):
+def test_the_best_sequence_score_is_that_of_exact_scores(seed, frames):
     scores = drawn(seed, frames)
     _, buffer = filled(scores)
     found = buffer.best_scores(frames, np.arange(REFERENCES))
@@ -214,7 +214,7 @@ def test_the_best_is_the_exactly_best(seed, frames):
     assert found.max() == pytest.approx(expected.max(), abs=1e-7)
 
 
-def test_no_more_than_eight_are_rescored_and_none_twice():
+def test_few_pairs_are_rescored_and_none_twice():
     matcher, buffer = filled(drawn(3))
     for _ in range(3):
         buffer.best_scores(1, np.arange(REFERENCES))

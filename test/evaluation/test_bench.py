@@ -64,7 +64,7 @@ def test_single_image_methods_give_the_same_scores_in_any_order(
     assert (there == again[::-1]) is not knows_the_drive
 
 
-def test_a_folder_holds_what_it_promises(street, quick, tmp_path):
+def test_an_evaluation_folder_holds_consistent_results(street, quick, tmp_path):
     output = tmp_path / 'out'
     run(street, quick, output, 'convseq', 'hog')
     method = output / 'street' / 'convseq'

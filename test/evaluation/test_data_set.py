@@ -167,7 +167,7 @@ def test_positions_within_the_radius_are_right_and_a_missing_one_never_is():
     assert right.tolist() == [[True, False], [False, False]]
 
 
-def test_against_its_own_past_only_what_is_past_for_long_is_right():
+def test_against_its_own_past_recent_frames_are_no_right_answers():
     truth = past_only(Truth(np.ones((4, 4), bool)), 2)
     assert [columns(row) for row in truth.right] == [[], [], [0], [0, 1]]
 

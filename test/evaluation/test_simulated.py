@@ -105,7 +105,7 @@ truth: {kind: identity, tolerance: 3}
 """
 
 
-def test_answers_are_those_of_a_recogniser_also_with_what_was_described_before(street):
+def test_an_evaluation_gives_the_recognisers_answers_also_with_cached_descriptors(street):
     config = Config(keyframes=EVERY_FRAME)
     street.write(SMALL, 'small.yaml')
     material = street.open('small.yaml', config)

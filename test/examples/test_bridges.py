@@ -154,7 +154,7 @@ def closure_to(session, confidence=0.75):
     return cloud_message(row, Header(), is_dense=False)
 
 
-def test_swarm_slam_gets_matches_with_who_drove_the_session(bridge, store):
+def test_swarm_slam_gets_the_robot_that_drove_the_session(bridge, store):
     _, sent, heard = bridge
     assert sorted(heard) == ['/r1/cslam/keyframe_odom', 'closure', 'cslam/keyframe_odom']
     heard['closure'](closure_to(THEIRS))
@@ -174,7 +174,7 @@ def test_swarm_slam_gets_matches_with_who_drove_the_session(bridge, store):
 
 
 @pytest.mark.parametrize('session', [OURS, UUID(int=9)])
-def test_swarm_slam_gets_matches_of_one_robot_as_before(bridge, store, session):
+def test_swarm_slam_gets_matches_of_one_robot_as_local_ones(bridge, store, session):
     _, sent, heard = bridge
     heard['closure'](closure_to(session))
     for ident, stamp_ns in ((40, QUERY_NS), (7, REFERENCE_NS)):

@@ -57,11 +57,11 @@ def entropy_map_of(image):
     bits = np.zeros((100, 100))
     for y in range(100):
         for x in range(100):
-            seen = [
+            pixels = [
                 small[y + dy, x + dx] for dy, dx in disk if 0 <= y + dy < 100 and 0 <= x + dx < 100
             ]
-            counts = np.bincount(seen)
-            shares = counts[counts > 0] / len(seen)
+            counts = np.bincount(pixels)
+            shares = counts[counts > 0] / len(pixels)
             bits[y, x] = -(shares * np.log2(shares)).sum()
     return cv2.resize(bits, (SIZE, SIZE), interpolation=cv2.INTER_LINEAR)
 

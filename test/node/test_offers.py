@@ -57,7 +57,7 @@ def test_compressed_images_are_known_by_their_type():
     assert found([Offer('/scan', 'sensor_msgs/msg/LaserScan')]) == []
 
 
-def test_depth_that_a_parameter_names_is_not_the_camera():
+def test_the_depth_topic_is_not_taken_as_the_camera():
     assert found(images('/left', '/right'), depth_topic='/left') == ['/right']
 
 

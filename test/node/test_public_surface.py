@@ -228,7 +228,7 @@ def allowed(group, kind):
     return set(names)
 
 
-def test_the_policy_names_what_the_node_uses(client, vpr):
+def test_the_security_policy_allows_exactly_the_topics_and_services_in_use(client, vpr):
     # With all that only some nodes have.
     node = vpr(lifecycle='true', publish_initial_pose='true', publish_tf='true')
     assert node.trigger_configure().name == 'SUCCESS'

@@ -145,7 +145,7 @@ def test_a_pose_is_extrapolated_from_the_last_two_after_a_short_wait():
         assert tracked.odometry.missing == 1
 
 
-def test_odometry_that_stopped_or_never_came_holds_up_nothing(monkeypatch):
+def test_no_image_waits_for_odometry_that_stopped_or_never_came(monkeypatch):
     stopped = Tracked(monkeypatch, wait_s=3600.0)
     stopped.hear(odometry(0, SECOND))
     assert stopped.odometry.pose_at(3 * SECOND) is None

@@ -99,7 +99,7 @@ def test_only_a_topic_change_that_replaces_a_wrong_one_removes_its_data(graph):
     )
 
 
-def test_the_calibration_of_a_camera_that_is_given_up_goes_with_it(graph):
+def test_an_abandoned_cameras_calibration_is_abandoned_too(graph):
     world = graph()
     world.add('/lidar/camera_info', CAMERA_INFO)
     world.add('/lidar/nearir_image')

@@ -87,7 +87,7 @@ def test_a_signal_in_the_middle_of_saving_waits_a_moment_and_crashes_nothing(
     assert ('stopped before a map was saved' in errors) != is_saved
 
 
-def test_a_second_signal_while_it_ends_changes_nothing(client, start, map_path):
+def test_a_second_signal_does_not_disturb_the_shutdown(client, start, map_path):
     process = start('vpr_node', map_path=map_path)
     # The first publisher appears while the node is still being made.
     client.wait_for(lambda: client.node.count_publishers('/vpr_node/match_index'))

@@ -92,7 +92,7 @@ def test_closures_take_the_drift_out_and_false_ones_are_refused():
     assert graph.counts['refused'] == 3 and graph.counts['kept'] == len(RIGHT)
 
 
-def test_a_verdict_may_be_taken_back():
+def test_a_kept_closure_is_refused_when_later_ones_contradict_it():
     """Alone, a false closure is possible; those that contradict it come later."""
     config = PoseGraphConfig(graph_spacing_m=0.9, odometry_sigma_rad=0.05)
     graph = driven(DRIFTED, PoseGraph(config))

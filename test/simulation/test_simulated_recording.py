@@ -40,7 +40,7 @@ def read(path):
         ]
 
 
-def test_images_come_back_pixel_for_pixel(rosbags, tmp_path, shots):
+def test_a_recording_holds_the_images_pixel_for_pixel(rosbags, tmp_path, shots):
     write_recording(tmp_path / 'drive', shots, odom_topic='')
     messages = read(tmp_path / 'drive')
     assert len(messages) == len(shots)

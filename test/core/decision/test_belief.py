@@ -104,7 +104,7 @@ def test_keypoint_ratios_move_mass_between_true_places_and_copies(a_map):
     assert belief.elsewhere + belief.mass.sum() == pytest.approx(1)
 
 
-def test_a_place_without_mass_has_the_states_of_what_enters(a_map):
+def test_a_place_without_mass_has_the_states_of_entering_mass(a_map):
     usual = UsualLead()
     belief = Belief(a_map(4), Driven(), usual)
     expected = usual.entering(np.array([False, True]))
@@ -133,7 +133,7 @@ def test_mass_that_runs_off_a_session_may_be_anywhere_in_the_map(a_map):
     assert belief.mass.sum() == pytest.approx(0.5, abs=0.01)
 
 
-def test_a_little_of_the_mass_takes_up_another_velocity(a_map):
+def test_a_small_share_of_the_mass_changes_its_velocity(a_map):
     belief = Belief(a_map(20), Driven(1.0, 3.0), UsualLead())
     sure_of(belief, 2)
     belief.predict(20, 20)
@@ -163,7 +163,7 @@ def test_the_likeliest_places_come_in_order_of_mass(a_map):
     assert belief.likeliest(2) == [1, 3] and belief.likeliest(9) == [1, 3, 0, 2, 5, 4]
 
 
-def test_mass_runs_off_the_end_of_a_session_and_of_what_may_be_matched(a_map):
+def test_mass_beyond_the_end_of_a_session_or_of_usable_places_goes_elsewhere(a_map):
     for place, usable in ((4, 10), (9, 10), (6, 7)):
         belief = sure_of(Belief(a_map(5, 5), Driven(), UsualLead()), place)
         belief.predict(usable, usable)
@@ -189,7 +189,7 @@ def test_a_tenth_of_a_places_mass_moves_on_from_its_looks(a_map):
     assert masses(belief, 60)[0][11] == pytest.approx(1, abs=2e-3)
 
 
-def test_a_belief_that_is_denied_goes_elsewhere_step_by_step(a_map):
+def test_repeated_denial_moves_the_belief_elsewhere_step_by_step(a_map):
     belief = sure_of(Belief(a_map(20), Driven(0.0), UsualLead()), 7)
     left = [belief.elsewhere]
     for _ in range(12):

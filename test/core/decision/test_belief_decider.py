@@ -107,8 +107,8 @@ def accepted(matches):
 
 @both_searches
 def test_a_known_stretch_is_accepted_and_an_unknown_one_is_not(street, drive, config):
-    ways = [*range(1000, 1015), *range(15, 40), *range(2000, 2020)]
-    matches = drive(PlaceRecognizer(street, config), ways)
+    shown_places = [*range(1000, 1015), *range(15, 40), *range(2000, 2020)]
+    matches = drive(PlaceRecognizer(street, config), shown_places)
     assert accepted(matches[:15]) == [None] * 15
     assert accepted(matches[17:40]) == [*range(17, 40)]
     assert accepted(matches[45:]) == [None] * 15
@@ -147,8 +147,8 @@ def test_after_the_first_match_frames_are_compared_with_fewer_places(street, dri
 def test_matches_are_right_from_the_fourth_keyframe_after_a_jump(
     street, drive, config, here, there
 ):
-    ways = [*range(here, here + 12), *range(there, there + 12)]
-    matches = drive(PlaceRecognizer(street, config), ways)
+    shown_places = [*range(here, here + 12), *range(there, there + 12)]
+    matches = drive(PlaceRecognizer(street, config), shown_places)
     assert accepted(matches[2:12]) == [*range(here + 2, here + 12)]
     assert accepted(matches[15:]) == [*range(there + 3, there + 12)]
 
@@ -198,7 +198,7 @@ def test_the_look_most_similar_to_the_frame_is_the_match(described, map_of, driv
     assert accepted(drive(recognizer, [20], start=15, seed=1)) == [50]
 
 
-def test_frames_that_show_nothing_do_not_break_a_drive(street, drive):
+def test_unreadable_frames_do_not_interrupt_a_drive(street, drive):
     places = [*range(10, 40)]
     places[18] = places[19] = None
     matches = drive(PlaceRecognizer(street, OWN), places)
@@ -226,7 +226,7 @@ def test_more_than_five_missing_frames_restart_the_drive(street, drive, missing,
     assert bool(match.accepted) is is_known
 
 
-def test_the_same_frame_again_and_again_is_never_another_place(street, drive):
+def test_a_repeated_frame_is_never_matched_to_another_place(street, drive):
     # Nobody asks whether it stands still.
     matches = drive(PlaceRecognizer(street, RESTLESS), [*range(20, 30), *[29] * 40])
     assert set(accepted(matches[10:])) <= {28, 29, 30, None}
@@ -238,10 +238,10 @@ def test_the_same_frame_again_and_again_is_never_another_place(street, drive):
 @pytest.mark.parametrize('sessions', [False, True])
 def test_a_map_of_a_few_places_has_too_few_rivals(map_of, drive, places, sessions):
     small = map_of(range(places), sessions)
-    ways = [*range(places)] * 6
-    poses = [at(one) for one in ways]
+    shown_places = [*range(places)] * 6
+    poses = [at(one) for one in shown_places]
     for shown in (None, poses):
-        matches = drive(PlaceRecognizer(small, RESTLESS), ways, poses=shown)
+        matches = drive(PlaceRecognizer(small, RESTLESS), shown_places, poses=shown)
         assert {match.reason for match in matches} <= {Reason.TOO_FEW_RIVALS, Reason.WEAK}
         assert all(0 <= match.confidence < 0.9 for match in matches)
         assert not any(np.isnan(one.score) for match in matches for one in match.candidates)
@@ -266,12 +266,12 @@ def test_a_map_of_looks_of_one_place_accepts_no_match(map_of, drive):
         {index: index - 8.0 for index in range(8, 25)},
     ],
 )
-def test_odometry_that_jumps_resets_or_stops_counts_for_a_few_frames(posed, drive, jumps):
-    ways = [*range(10, 35)]
-    poses = [at(jumps.get(index, place)) for index, place in enumerate(ways)]
-    matches, first = drive(PlaceRecognizer(posed, RESTLESS), ways, poses=poses), min(jumps)
+def test_odometry_that_jumps_resets_or_stops_disturbs_a_few_frames_only(posed, drive, jumps):
+    shown_places = [*range(10, 35)]
+    poses = [at(jumps.get(index, place)) for index, place in enumerate(shown_places)]
+    matches, first = drive(PlaceRecognizer(posed, RESTLESS), shown_places, poses=poses), min(jumps)
     stands = len({*jumps.values()}) < len(jumps)
-    for place, match in zip(ways, matches, strict=True):
+    for place, match in zip(shown_places, matches, strict=True):
         assert 0 <= match.confidence <= 1
         most = 3 if stands else 2  # places off
         is_right = match.accepted is None or abs(match.accepted.reference_index - place) <= most
@@ -279,7 +279,7 @@ def test_odometry_that_jumps_resets_or_stops_counts_for_a_few_frames(posed, driv
     # From the fourth frame after the last jump on. Odometry that stands holds the belief back, but
     # only among places that a single frame hardly tells apart.
     start = 3 + (first if len(jumps) > 2 else max(jumps) + 1)
-    behind = np.array(ways[start:]) - accepted(matches[start:])
+    behind = np.array(shown_places[start:]) - accepted(matches[start:])
     assert set(behind) <= ({0, 1, 2, 3} if stands else {0})
 
 
@@ -297,9 +297,10 @@ def test_odometry_in_a_wrong_unit_or_with_outliers_makes_no_match_wrong(posed, d
 
 
 def test_an_odometry_restart_makes_no_place_implausible(posed, drive):
-    ways = [*range(10, 20), *range(1000, 1010), *range(40, 50)]  # the second part is in no map
+    # The second part is in no map.
+    shown_places = [*range(10, 20), *range(1000, 1010), *range(40, 50)]
     poses = [at(x) for x in (*range(10, 30), *range(5000, 5010))]
-    matches = drive(PlaceRecognizer(posed, RESTLESS), ways, poses=poses)
+    matches = drive(PlaceRecognizer(posed, RESTLESS), shown_places, poses=poses)
     assert accepted(matches[23:]) == [*range(43, 50)]
     assert not any(match.implausible_m for match in matches[20:])
 
@@ -319,7 +320,7 @@ def test_decisions_and_inliers_are_those_without_compiled_kernels(street, drive,
     assert answers('numpy') == compiled
 
 
-def test_a_wrong_link_makes_no_cascade(image):
+def test_a_wrong_link_causes_few_further_errors(image):
     """A robot drives round three times; one link of the first round is put in by hand."""
     lap, grown = 55, ReferenceMap(SMALL, keyframes=EVERY_FRAME)
     recognizer, found = PlaceRecognizer(grown, ONLINE), []

@@ -21,12 +21,18 @@ FAR = np.where(np.eye(4), 0.0, np.inf)  # of four places, none says anything of 
 
 
 def ratio(
-    cells=0.0, keypoints=0.0, is_strongest=False, follows=0.0, chance=0.01, affirmed=1.0, seen=None
+    cells=0.0,
+    keypoints=0.0,
+    is_strongest=False,
+    follows=0.0,
+    chance=0.01,
+    affirmed=1.0,
+    likelihood=None,
 ):
     """Return the likelihood ratio of a place."""
     place = np.array([cells]), np.array([keypoints]), np.array([is_strongest])
     evidence = Evidence(*place[:2], ALONE, place[2], follows, chance, affirmed, 1.0)
-    return math.exp((seen or Likelihood()).log_ratios(evidence)[0])
+    return math.exp((likelihood or Likelihood()).log_ratios(evidence)[0])
 
 
 def bounded(value):
@@ -61,8 +67,8 @@ def test_likelihood_ratios_are_those_worked_by_hand(evidence, expected):
 
 def test_the_bound_is_the_same_for_all_places_of_a_frame():
     cells, none = np.array([20.0, 17.0, 5.0, -40.0]), np.zeros(4)
-    seen = Evidence(cells, none, FAR, np.zeros(4, bool), 0.0, 0.01, 1.0, 1.0)
-    first, second, third, fourth = Likelihood().log_ratios(seen)
+    evidence = Evidence(cells, none, FAR, np.zeros(4, bool), 0.0, 0.01, 1.0, 1.0)
+    first, second, third, fourth = Likelihood().log_ratios(evidence)
     assert first == pytest.approx(-math.log(ALL), abs=1e-3)
     assert first - second == pytest.approx(3, abs=1e-3)  # the cells tell them apart
     assert third == 0 and fourth == pytest.approx(math.log(0.1))  # the bound denies no place
@@ -72,8 +78,8 @@ def test_the_log_ratio_falls_by_a_quarter_per_place_from_a_better_one():
     apart = FAR.copy()
     apart[0, 1] = apart[1, 0] = 2
     cells, none = np.array([5.0, -1.0, -1.0, 5.0]), np.zeros(4)
-    seen = Evidence(cells, none, apart, np.zeros(4, bool), 0.0, 0.01, 1.0, 1.0)
-    first, beside, far, last = Likelihood().log_ratios(seen)
+    evidence = Evidence(cells, none, apart, np.zeros(4, bool), 0.0, 0.01, 1.0, 1.0)
+    first, beside, far, last = Likelihood().log_ratios(evidence)
     assert first == last and beside == pytest.approx(first - 0.5)
     assert far == pytest.approx(math.log(0.9 * math.exp(-1) + 0.1))
 
@@ -93,14 +99,14 @@ def test_density_ratios_of_cells_are_linear_in_both_leads():
     assert leads.cells.tolist() == pytest.approx([-2.0, 0.5, -3.0])
 
 
-def test_leads_are_over_the_strongest_and_the_best_rival():
+def test_leads_are_measured_against_the_strongest_and_the_best_rival():
     strengths, scores = np.array([100.0, 25.0, 16.0]), np.array([0.05, 0.042, 0.046])
     leads = Likelihood().leads(strengths, scores, np.array([False, True, True]))
     assert leads.strength.tolist() == pytest.approx([10, 0, -2])  # of twice the roots
     assert leads.score.tolist() == pytest.approx([0.5, -0.5, 0])  # in 0.008
 
 
-def test_without_rivals_a_place_leads_nothing():
+def test_without_rivals_the_score_lead_is_relative_to_the_best_place():
     leads = Likelihood().leads(np.array([120.0, 30.0]), np.array([0.3, 0.1]), np.zeros(2, bool))
     assert leads.strength.tolist() == pytest.approx([2 * 120**0.5, 2 * 30**0.5])
     assert leads.score.tolist() == [0, -5]  # at most 5 scales
@@ -131,7 +137,7 @@ def test_fewer_than_three_values_have_no_scale():
 
 
 @pytest.mark.parametrize('true', [0.1, 3.0])
-def test_a_scale_is_that_of_what_the_best_were_drawn_from(true):
+def test_the_gumbel_scale_is_estimated_from_the_five_best_values(true):
     rng = np.random.default_rng(0)
     found = [gumbel_scale(np.sort(rng.gumbel(5.0, true, 200))[-5:]) for _ in range(3000)]
     assert np.mean(found) == pytest.approx(true, rel=0.1)

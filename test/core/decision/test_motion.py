@@ -29,8 +29,10 @@ def test_without_odometry_places_move_by_each_velocity_for_every_keyframe(a_map,
     assert set(velocities.tolist()) == ahead | {-one for one in ahead}
     expected = np.array([[4], [9]]) + (1 + missing) * velocities
     assert found == pytest.approx(expected.T)
-    way = (1 + missing) * abs(velocities[:, None])
-    assert sigmas == pytest.approx(np.broadcast_to(MOTION.sigma_places + ERROR * way, found.shape))
+    distance = (1 + missing) * abs(velocities[:, None])
+    assert sigmas == pytest.approx(
+        np.broadcast_to(MOTION.sigma_places + ERROR * distance, found.shape)
+    )
 
 
 def test_one_drive_in_a_hundred_goes_backwards_and_with_both_directions_one_in_two(a_map):
@@ -64,7 +66,7 @@ def test_a_belief_that_is_reset_knows_no_odometry(a_map):
     )
 
 
-def test_odometry_that_goes_back_moves_back_and_the_other_way_round(a_map):
+def test_backward_odometry_moves_places_backward_and_ahead_on_reversed_drives(a_map):
     street = a_map(30, step_m=2.0)
     for xs, yaw in (((5, 0), 0.0), ((0, 5), np.pi)):  # in reverse gear, as the robot is turned
         velocities, found, _ = moved(street, *xs, both=True, yaw=yaw)

@@ -121,8 +121,10 @@ def looked(reference_map, buffer, masses=None, start=NONE, told=None, listed=Non
     comparer = Comparer(coarse, buffer, near, 40)
     observer = Observer(comparer, buffer, near, told or Told())
     query = Query(Frame(0, None), buffer, usable or count, start, config or Config())
-    seen = observer.observe(query, believing(masses, difference), novelty)
-    return seen, dict(zip(seen.places.tolist(), seen.log_ratios.tolist(), strict=True))
+    observation = observer.observe(query, believing(masses, difference), novelty)
+    return observation, dict(
+        zip(observation.places.tolist(), observation.log_ratios.tolist(), strict=True)
+    )
 
 
 def ratio(reference_map, told=None, place=30, masses=None, **how):
@@ -130,9 +132,9 @@ def ratio(reference_map, told=None, place=30, masses=None, **how):
     return looked(reference_map, Shown(scored(), SHOWN), masses, told=told, **how)[1][place]
 
 
-def test_the_place_that_is_shown_gains_and_the_others_lose(a_map):
-    seen, ratios = looked(a_map(100), Shown(scored(), SHOWN))
-    assert seen.has_rivals and seen.asked == {} and seen.keypoints is None
+def test_the_place_that_the_frame_shows_gains_and_the_others_lose(a_map):
+    observation, ratios = looked(a_map(100), Shown(scored(), SHOWN))
+    assert observation.has_rivals and observation.asked == {} and observation.keypoints is None
     # A lead of 10 in twice the roots and of half a scale; by chance it lies there 9 in 100 times.
     total = 0.9 * math.exp(-2.0 + 0.5 * 10 + 0.5 * 0.5) * 100 / 9 + 0.1
     assert ratios[30] == pytest.approx(math.log(total / (1 + 0.0015 * total)))
@@ -169,13 +171,13 @@ def test_a_place_that_the_belief_predicted_gains_less(a_map):
 def test_keypoints_verify_the_strongest_distinct_places_and_the_likeliest_one(a_map):
     told = Told({30: 60})
     buffer = Shown(scored(), {30: 100.0, 31: 90.0, 60: 80.0, 80: 70.0, 90: 60.0})
-    seen, _ = looked(a_map(100), buffer, {50: 0.2}, told=told)
+    observation, _ = looked(a_map(100), buffer, {50: 0.2}, told=told)
     assert told.places == [30, 60, 80, 50]
-    assert [*seen.asked] == told.places and seen.asked[30].lead == pytest.approx(
+    assert [*observation.asked] == told.places and observation.asked[30].lead == pytest.approx(
         2 * 60**0.5 - 2 * 4**0.5
     )
-    said = seen.keypoints[:, seen.places == 30][:, 0]
-    assert said == pytest.approx(ratios_of(seen.asked[30].lead))
+    said = observation.keypoints[:, observation.places == 30][:, 0]
+    assert said == pytest.approx(ratios_of(observation.asked[30].lead))
 
 
 def test_keypoints_are_not_used_where_the_belief_is_sure_and_cells_agree(a_map):
@@ -190,7 +192,7 @@ def test_keypoints_are_not_used_where_the_belief_is_sure_and_cells_agree(a_map):
     assert asked({30: 0.991}, 36.0)  # cells are not sure
 
 
-def test_keypoints_that_agree_speak_for_a_place_and_those_beside_it(a_map):
+def test_keypoints_that_agree_raise_a_place_and_its_neighbours(a_map):
     cells = ratio(a_map(100))
     told = Told({30: 60})
     assert ratio(a_map(100), told) > cells + 0.1  # next to the bound
@@ -219,8 +221,10 @@ def test_keypoints_deny_the_place_that_cells_show_only_where_they_repeat(a_map, 
 
 
 def test_a_place_without_keypoints_is_judged_by_cells(a_map):
-    seen, ratios = looked(a_map(100), Shown(scored(), SHOWN), told=Told({30: None, 50: None}))
-    assert [*seen.asked] == [60]
+    observation, ratios = looked(
+        a_map(100), Shown(scored(), SHOWN), told=Told({30: None, 50: None})
+    )
+    assert [*observation.asked] == [60]
     assert ratios[30] == ratio(a_map(100)) and ratios[50] == ratio(a_map(100), place=50)
 
 
@@ -237,8 +241,8 @@ def test_keypoints_verify_the_likeliest_place_unless_one_beside_it_is_verified(a
         return looked(a_map(100), Shown(scored(), SHOWN), {likeliest: 0.2}, told=told)
 
     assert 32 not in asked(32)[0].asked
-    seen, ratios = asked(33)
-    leads = {place: one.lead for place, one in seen.asked.items()}
+    observation, ratios = asked(33)
+    leads = {place: one.lead for place, one in observation.asked.items()}
     # Near each other, they are no rivals: both lead the other places.
     assert leads[30] == pytest.approx(2 * 60**0.5 - 4) and leads[33] == pytest.approx(
         2 * 20**0.5 - 4
@@ -259,8 +263,8 @@ def test_keypoints_that_deny_a_place_deny_four_places_to_either_side(a_map):
 def test_a_place_that_is_not_verified_has_as_little_as_the_nearest_verified_one(a_map):
     masses = {30: 0.4, 65: 0.3, 61: 0.05, 64: 0.05}  # the two likeliest are verified
     buffer = Shown(scored(), {30: 100.0, 60: 90.0})
-    seen, ratios = looked(a_map(100), buffer, masses, told=Told({30: 60, 60: 4}))
-    assert {60, 65} <= {*seen.verified} and not {61, 64} & {*seen.verified}
+    observation, ratios = looked(a_map(100), buffer, masses, told=Told({30: 60, 60: 4}))
+    assert {60, 65} <= {*observation.verified} and not {61, 64} & {*observation.verified}
     assert ratios[61] == ratios[60] < -4  # keypoints deny it, and so the place beside it
     assert ratios[64] == pytest.approx(math.log(0.1)) and ratios[65] > ratios[64]
 
@@ -279,8 +283,8 @@ def test_without_enough_rivals_no_place_gains(a_map, count):
     scores = np.full(count, 0.05)
     scores[0] = 0.5
     told = Told({0: 200})
-    seen, ratios = looked(a_map(count), Shown(scores, {0: 900.0}), {0: 0.5}, told=told)
-    assert not seen.has_rivals and max(ratios.values()) <= 0
+    observation, ratios = looked(a_map(count), Shown(scores, {0: 900.0}), {0: 0.5}, told=told)
+    assert not observation.has_rivals and max(ratios.values()) <= 0
 
 
 def test_the_first_frames_of_a_drive_are_compared_with_more_places(a_map):
@@ -309,15 +313,15 @@ def test_only_the_best_places_by_rough_score_and_predicted_ones_are_scored(a_map
 
 
 def test_a_frame_without_scores_gives_no_evidence(a_map):
-    seen, ratios = looked(a_map(30), Shown(np.full(30, np.nan), {}), {3: 0.5})
-    assert ratios == {3: 0.0} and not seen.has_rivals
+    observation, ratios = looked(a_map(30), Shown(np.full(30, np.nan), {}), {3: 0.5})
+    assert ratios == {3: 0.0} and not observation.has_rivals
 
 
 def test_a_frame_without_features_gives_no_evidence(a_map):
     blank = Shown(scored(), SHOWN)
     blank.newest.features = None
-    seen, ratios = looked(a_map(100), blank, {3: 0.5})
-    assert ratios == {3: 0.0} and not seen.has_rivals and not seen.verified
+    observation, ratios = looked(a_map(100), blank, {3: 0.5})
+    assert ratios == {3: 0.0} and not observation.has_rivals and not observation.verified
 
 
 def test_a_repeated_image_adds_no_evidence(a_map):
@@ -370,8 +374,10 @@ def test_ratios_are_finite_and_bounded_for_any_input(
     told = Told(dict(enumerate(rng.integers(0, 257, count).tolist())))
     listed = np.sort(rng.permutation(count)[:40])
     buffer = Shown(scores, strengths, step)
-    seen, _ = looked(a_map(count), buffer, masses, start, told, listed, difference=difference)
-    assert {*believed} <= {*seen.places.tolist()}
-    assert (np.diff(seen.places) > 0).all() and np.isfinite(seen.log_ratios).all()
-    assert (seen.log_ratios <= -math.log(COPIES.all) + 1e-9).all()
-    assert seen.has_rivals or (seen.log_ratios <= 0).all()
+    observation, _ = looked(
+        a_map(count), buffer, masses, start, told, listed, difference=difference
+    )
+    assert {*believed} <= {*observation.places.tolist()}
+    assert (np.diff(observation.places) > 0).all() and np.isfinite(observation.log_ratios).all()
+    assert (observation.log_ratios <= -math.log(COPIES.all) + 1e-9).all()
+    assert observation.has_rivals or (observation.log_ratios <= 0).all()

@@ -10,7 +10,7 @@ from poses import at
 import pytest
 
 
-def test_steps_add_up_and_those_in_reverse_are_negative():
+def test_steps_sum_to_a_distance_and_reverse_steps_are_negative():
     odometer = Odometer()
     steps = [odometer.move(matrix(at(x, yaw=yaw))) for x, yaw in ((1, 0), (4, 1), (5, 1), (3, 2))]
     assert steps == [None, 3, 1, -2]
@@ -28,7 +28,7 @@ def test_the_step_after_a_forgotten_pose_is_unknown_and_the_sums_stay():
     assert odometer.move(matrix(at(51, yaw=math.pi))) == -1
 
 
-def test_a_drive_begins_with_nothing():
+def test_a_reset_odometer_has_no_distance_turn_or_steps():
     odometer = Odometer()
     for x in (0, 2):
         odometer.move(matrix(at(x)))

@@ -12,12 +12,12 @@ NONE = 10**9  # places from here on are of this drive: none
 TENTH = RobotConfig(odometry_way_error=0.1, odometry_turn_error=0.0)
 
 
-def fixed(whole, place=100, config=TENTH, grows=False, way=0):
-    """Return a prior that was sure of a place at x = 0, and then drove a way ahead."""
+def fixed(whole, place=100, config=TENTH, grows=False, driven_m=0):
+    """Return a prior that was sure of a place at x = 0, and then drove ahead."""
     prior = OdometryPrior(whole, config, grows)
     prior.move(0, at(0))
     prior.fix(place)
-    prior.move(1, at(way))
+    prior.move(1, at(driven_m))
     return prior
 
 
@@ -31,15 +31,15 @@ def street(a_map):
 
 
 def test_a_place_500_m_away_is_implausible_and_the_true_one_is_not(street):
-    prior = fixed(street, way=20)
+    prior = fixed(street, driven_m=20)
     assert share(prior, 120) == 1 and share(prior, 620) < 1e-6 and share(prior, 20) < 1e-6
     slack_m = 2 * SLACK.places  # the places on both sides are 2 m apart
     assert prior.implausible_m(120, NONE) is None
     assert prior.implausible_m(620, NONE) == pytest.approx(500 - slack_m - 0.1 * 20)
 
 
-def test_the_drift_is_two_sigmas_beyond_what_a_match_may_be_off(street):
-    prior = fixed(street, way=100)  # so the drift is 10 m
+def test_the_drift_is_two_sigmas_beyond_the_tolerance_of_a_match(street):
+    prior = fixed(street, driven_m=100)  # so the drift is 10 m
     slack = int(2 * SLACK.places)
     assert share(prior, 200 + slack) == 1
     assert share(prior, 200 + slack + 10) == pytest.approx(np.exp(-2))
@@ -48,7 +48,7 @@ def test_the_drift_is_two_sigmas_beyond_what_a_match_may_be_off(street):
     assert prior.implausible_m(200 + slack + 11, NONE) == pytest.approx(1)
 
 
-def test_turns_since_a_match_add_to_the_drift_and_those_before_it_do_not(street):
+def test_only_turns_since_a_match_add_to_the_drift(street):
     config = RobotConfig(odometry_way_error=0.1, odometry_turn_error=0.05)
     prior = OdometryPrior(street, config, False)
     for yaw in (0, 2, 0):
@@ -61,7 +61,7 @@ def test_turns_since_a_match_add_to_the_drift_and_those_before_it_do_not(street)
     assert prior.implausible_m(620, NONE) == pytest.approx(left_m - (0.1 + 0.05 * 1) * 20)
 
 
-def test_a_place_of_this_drive_is_where_odometry_was_then(a_map):
+def test_a_place_of_the_running_drive_lies_at_its_odometry_pose(a_map):
     whole = a_map(200, 40, step_m=1.0)  # the second session is this drive, a metre a second
     prior = OdometryPrior(whole, TENTH, True)
     for second in range(200, 240):
@@ -77,7 +77,7 @@ def test_a_place_of_this_drive_is_where_odometry_was_then(a_map):
     assert share(prior, 150, 200) == 1
 
 
-def test_each_frame_of_poses_is_a_map_of_its_own(a_map):
+def test_sessions_are_compared_only_within_one_pose_frame(a_map):
     apart, together = a_map(300, 300, step_m=1.0), a_map(300, 300, step_m=1.0, frame='town')
     assert share(fixed(apart), 290) < 1e-6 and share(fixed(apart), 590) == 1
     assert share(fixed(together), 590) < 1e-6 and share(fixed(together), 400) == 1

@@ -36,7 +36,7 @@ def asked(blocks, near=(), usual=None, difference=0.0):
     return answers(blocks, states, lambda one, other: tuple(sorted((one, other))) in near)
 
 
-def test_keypoints_of_a_place_lead_those_of_the_others_or_what_chance_gives():
+def test_a_places_keypoints_lead_those_of_the_others_or_the_chance_level():
     both = asked({1: 25, 2: 9})  # twice the roots: 10 and 6
     assert (both[1].lead, both[2].lead) == (4, -4)
     assert both[1].ratio == pytest.approx(said(4, 6))
@@ -60,7 +60,7 @@ def test_the_expected_lead_falls_with_the_light_difference_except_on_the_running
     assert ratio == pytest.approx(said(10 - LEAST, likeliest))
 
 
-def test_two_places_that_both_lead_over_chance_are_no_rivals():
+def test_two_places_that_both_exceed_chance_are_no_rivals():
     alone = asked({1: 25})[1].ratio
     over = next(n for n in range(25) if asked({2: n})[2].ratio > 3)
     assert asked({1: 25, 2: over})[1].ratio == alone
@@ -78,7 +78,7 @@ def test_places_near_each_other_are_no_rivals():
     assert leads[3] == pytest.approx(roots[3] - roots[2])
 
 
-def test_one_entering_mass_in_a_thousand_is_at_a_copy():
+def test_a_thousandth_of_the_entering_mass_is_at_a_copy():
     shares = UsualLead().entering(np.array([True, False]))
     assert shares.sum(axis=0) == pytest.approx([1, 1])
     assert shares[-1] == pytest.approx([0.001, 0.001])
@@ -96,7 +96,7 @@ def test_a_tenth_of_the_mass_changes_its_usual_lead_and_some_copies_end():
     assert dark == pytest.approx(0.5 * (0.9 + 0.1 * first(0)[0]))
 
 
-def test_a_tenth_of_what_is_known_is_the_last_match():
+def test_the_last_match_has_a_weight_of_one_tenth():
     usual, four = UsualLead(), np.array([0.0, 0.0, 0.5, 0.0, 0.0])
     usual.learn(four, is_current=True)
     expected = 0.9 * first(6) + [0, 0, 0.1, 0, 0]
@@ -108,7 +108,7 @@ def test_a_tenth_of_what_is_known_is_the_last_match():
 
 
 @pytest.mark.parametrize('difference', [0.0, 0.3, 2.0])
-def test_silent_matches_do_not_teach_silence_as_a_copy_is_silent_too(difference):
+def test_silent_matches_do_not_raise_the_probability_of_silence(difference):
     usual = UsualLead()
     usual.difference = difference
     at_first = usual.probabilities(is_current=False)[0]
