@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 from convseq_ros.core.decision.decider import distinct_peaks
 from convseq_ros.core.decision.likelihood import strength_of
-from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.geometry.verification import Verification
+from convseq_ros.core.graph.neighbourhood import Neighbourhood
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import constants, Doubles, Indices, Row

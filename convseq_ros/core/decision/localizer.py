@@ -7,7 +7,7 @@ from dataclasses import replace
 import math
 
 from convseq_ros.config import Config
-from convseq_ros.core.decision.neighbourhood import Neighbourhood
+from convseq_ros.core.graph.neighbourhood import Neighbourhood
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Localization, LocalizationState, Match, Reason
 

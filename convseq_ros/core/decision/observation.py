@@ -18,10 +18,10 @@ from convseq_ros.core.decision.likelihood import (
     strength_of,
     UNVERIFIED,
 )
-from convseq_ros.core.decision.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.decision.usual_lead import answers, Asked, KEYPOINTS, ratios_of, STATES
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import LINKS
+from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.types import constants, Doubles, Indices
 import numpy as np

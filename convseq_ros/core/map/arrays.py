@@ -7,7 +7,7 @@ import math
 import sys
 from typing import Any
 
-from convseq_ros.core.graph.links import SessionBounds
+from convseq_ros.core.graph.session_bounds import SessionBounds
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.types import Pose, Vector
 import numpy as np

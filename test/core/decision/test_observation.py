@@ -9,10 +9,10 @@ from convseq_ros.config import Config, with_values
 from convseq_ros.core.decision.comparison import COMPARED, Comparer
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.likelihood import COPIES
-from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.observation import Observer
 from convseq_ros.core.decision.usual_lead import ratios_of, UsualLead
 from convseq_ros.core.geometry.verification import Verification
+from convseq_ros.core.graph.neighbourhood import Neighbourhood
 from convseq_ros.core.types import Frame
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -5,7 +5,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from convseq_ros.core.graph.links import SessionBounds
+from convseq_ros.core.graph.session_bounds import SessionBounds
 from convseq_ros.core.types import Indices, Row
 import numpy as np
 import numpy.typing as npt

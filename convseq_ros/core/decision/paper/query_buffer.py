@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 from convseq_ros.core.decision.paper.diagonals import ONE_SESSION, sequence_scores, Values
-from convseq_ros.core.graph.links import SessionBounds
+from convseq_ros.core.graph.session_bounds import SessionBounds
 from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import constants, Descriptor, Indices, Row
 import numpy as np

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which places are near another one."""
 
-from convseq_ros.core.decision.neighbourhood import Neighbourhood
+from convseq_ros.core.graph.neighbourhood import Neighbourhood
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np

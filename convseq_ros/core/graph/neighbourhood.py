@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which places of a map show nearly the same scene."""
 
-from convseq_ros.core.graph.links import LINKS
-from convseq_ros.core.map.reference_map import ReferenceMap
+from typing import Protocol
+
+from convseq_ros.core.graph.links import LINKS, Links
+from convseq_ros.core.graph.session_bounds import SessionBounds
 from convseq_ros.core.types import Doubles, Flags, Indices
 import numpy as np
 
@@ -11,20 +13,30 @@ import numpy as np
 SAME_PLACE = LINKS.neighbour_radius // 2
 
 
+class Graph(Protocol):
+    """The sessions and links of a map, which may grow."""
+
+    @property
+    def bounds(self) -> SessionBounds: ...
+
+    @property
+    def links(self) -> Links: ...
+
+
 class Neighbourhood:
     """Which places of a map show nearly the same as a given one: its neighbours and looks."""
 
-    def __init__(self, reference_map: ReferenceMap) -> None:
-        self._map = reference_map
+    def __init__(self, graph: Graph) -> None:
+        self._graph = graph
 
     def ranges(self, index: int, distance: int = LINKS.neighbour_radius) -> list[range]:
         """Return the ranges of places within a distance of a place and of each of its looks."""
-        looks = (index, *self._map.links.looks(index))
-        return [self._map.bounds.around(look, distance) for look in looks]
+        looks = (index, *self._graph.links.looks(index))
+        return [self._graph.bounds.around(look, distance) for look in looks]
 
     def mask(self, places: Indices, index: int, distance: int = LINKS.neighbour_radius) -> Flags:
         """Return which of `places` (n,) are near a place or one of its looks."""
-        bounds, looks = self._map.bounds, self._map.links.looks(index)
+        bounds, looks = self._graph.bounds, self._graph.links.looks(index)
         is_near = bounds.near(places, index, distance)
         if looks:
             is_near |= bounds.nearness(places, np.array(looks), distance).any(axis=0)
@@ -32,11 +44,11 @@ class Neighbourhood:
 
     def beside(self, places: Indices, index: int, distance: int) -> Flags:
         """Return which of `places` (n,) are within a distance of a place in its session."""
-        return self._map.bounds.near(places, index, distance)
+        return self._graph.bounds.near(places, index, distance)
 
     def apart(self, places: Indices, others: Indices, reach: int) -> Doubles:
         """Return the distances (m, n) of others (m,) from places (n,); inf beyond the reach."""
-        near = self._map.bounds.nearness(places, others, reach)
+        near = self._graph.bounds.nearness(places, others, reach)
         return np.where(near, abs(places - others[:, None]), np.inf)
 
     def is_near(self, place: int, index: int, distance: int = LINKS.neighbour_radius) -> bool:
