@@ -58,7 +58,7 @@ class Belief:
         self.places: Indices = np.zeros(0, np.int64)
         self._mass: Doubles = np.zeros((len(self.motion.velocities), 0))  # with that of copies
         self._states: Doubles = np.zeros((STATES, 0))  # the same mass
-        self._apart = 1.0  # mass of elsewhere that is at no copy of a place
+        self._nowhere = 1.0  # mass of elsewhere that is at no copy of a place
         self._lost = 1.0  # part of it of which nothing is known
 
     @property
@@ -69,7 +69,7 @@ class Belief:
     @property
     def elsewhere(self) -> float:
         """Probability that the newest frame shows no place; copies of places are elsewhere."""
-        return self._apart + float(self._states[-1].sum())
+        return self._nowhere + float(self._states[-1].sum())
 
     def likeliest(self, count: int) -> list[int]:
         """Return the `count` likeliest places, best first."""
@@ -133,7 +133,7 @@ class Belief:
             arrived, self.places >= earlier, BELIEF.entering
         )
         self._mass, self._states = changed * stays.sum(axis=0) / arrived.sum(axis=0), stays
-        self._apart = max(0.0, 1.0 - float(stays.sum()))
+        self._nowhere = max(0.0, 1.0 - float(stays.sum()))
 
     def update(
         self,
@@ -157,7 +157,7 @@ class Belief:
         at, count = np.searchsorted(places, self.places), len(places)
         mass, states = np.zeros((len(self._mass), count)), np.zeros((STATES, count))
         mass[:, at], states[:, at] = self._mass, self._states
-        entering = BELIEF.entering * (self._apart - self._lost)
+        entering = BELIEF.entering * (self._nowhere - self._lost)
         entering += min(BELIEF.lost, COPIES.all * earlier) * self._lost
         share = (entering * entry + BELIEF.jumping) / max(1, usable)
         mass += self.motion.prior[:, None] * share
@@ -165,9 +165,9 @@ class Belief:
         states += self._usual.entering(places >= earlier) * share
         if keypoints is not None:
             states *= keypoints
-        apart, self._lost = self._apart - entering, 0.0
-        total = float(mass.sum()) + apart
-        mass, self._apart = mass / total, apart / total
+        nowhere, self._lost = self._nowhere - entering, 0.0
+        total = float(mass.sum()) + nowhere
+        mass, self._nowhere = mass / total, nowhere / total
         kept = mass.sum(axis=0) > BELIEF.least
         self.places, self._mass, states = places[kept], mass[:, kept], states[:, kept]
         self._states = states * (self._mass.sum(axis=0) / states.sum(axis=0))

@@ -37,7 +37,7 @@ class COMPARED:
     peaks: int = 6  # best by pair score, apart from each other: they are verified. As many places,
     # the likeliest by the predicted belief, are always scored ...
     checked: int = 2  # ... and this many of them are always verified
-    beside: int = 2  # places to either side of the best that are verified, too
+    verify_radius: int = 2  # places to either side of the best that are verified, too
     fewest: int = 8  # controls that must be scored; with fewer, no place has a positive ratio
 
 
@@ -92,7 +92,8 @@ class Comparer:
         peaks = self._peaks(places, scores, COMPARED.peaks)
         checked = [place for place in before[: COMPARED.checked].tolist() if place in places]
         verified = self._verified(features, {}, [*peaks, *checked])
-        beside = places[self._near.beside(places, _strongest(verified, peaks[0]), COMPARED.beside)]
+        best = _strongest(verified, peaks[0])
+        beside = places[self._near.within(places, best, COMPARED.verify_radius)]
         verified = self._verified(features, verified, beside.tolist())
         best = _strongest(verified, peaks[0])
         if not self.has_controls(places, best):

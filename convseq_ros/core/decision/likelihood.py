@@ -29,7 +29,7 @@ class CELLS:
     per_scale: float = 0.5  # of the lead in strength, and of that in pair score ...
     most_scales: float = 5.0  # ... up to this many: one similar house can score like a street
     works: float = 0.9  # probability that cells show a true place
-    loss: float = 0.25  # log ratio per place of distance from a place that leads
+    loss_per_place: float = 0.25  # log ratio, by the distance from a place that leads
     # Scale of the controls' pair scores before a drive has any, and the memory of both scales; the
     # scale of strengths (of twice their square root) starts at 1.
     prior_score: float = 0.008
@@ -103,7 +103,7 @@ class Evidence:
 
     cells: Doubles  # (n,), log ratios of `Leads.cells`
     keypoints: Doubles  # (n,), k: log ratios; 0 where not asked
-    apart: Doubles  # (n, n), distances in places; inf if one says nothing of the other
+    distances: Doubles  # (n, n), in places; inf if one says nothing of the other
     is_strongest: Flags  # (n,), which places lie at the strongest one
     follows: float  # share of the belief's places, in [0, 1], that predicted the strongest one
     chance: float  # that the strongest place of a drive elsewhere lies there, in (0, 1]
@@ -143,7 +143,7 @@ class Likelihood:
         total = np.logaddexp(spoken, math.log(1 - CELLS.works)) + evidence.keypoints
         bound = np.logaddexp(0.0, total.max() + math.log(COPIES.all))
         bounded = np.minimum(total, np.maximum(total - bound, 0.0))
-        alike = (bounded[:, None] - CELLS.loss * evidence.apart).max(axis=0)
+        alike = (bounded[:, None] - CELLS.loss_per_place * evidence.distances).max(axis=0)
         return np.asarray(np.where(alike > 0, evidence.weight * alike, alike))
 
     def leads(self, strengths: Doubles, scores: Doubles, is_rival: Flags) -> Leads:

@@ -93,8 +93,8 @@ class Observer:
         evidence = Evidence(
             leads.cells,
             np.log((states * keypoints[:, at]).sum(axis=0)),
-            self._near.apart(examined, examined, COMPARED.beside),
-            self._near.beside(examined, best, COMPARED.beside) & has_rivals,
+            self._near.distances(examined, examined, COMPARED.verify_radius),
+            self._near.within(examined, best, COMPARED.verify_radius) & has_rivals,
             follows,
             chance,
             math.exp(asked[best].ratio) if best in asked else 1.0,
@@ -109,7 +109,7 @@ class Observer:
         chance = min(1.0, (LINKS.neighbour_radius + 1) / query.usable)
         if belief.elsewhere >= 1:
             return 0.0, chance
-        return self._mass(belief, best, COMPARED.beside) / (1 - belief.elsewhere), chance
+        return self._mass(belief, best, COMPARED.verify_radius) / (1 - belief.elsewhere), chance
 
     def _is_sure(self, query: Query, belief: Belief, best: int) -> bool:
         """Return whether the belief expects the strongest place, with hardly any doubt."""
@@ -118,7 +118,7 @@ class Observer:
 
     def _mass(self, belief: Belief, place: int, distance: int) -> float:
         """Return the probability of the places within a distance of a place."""
-        return float(belief.mass[self._near.beside(belief.places, place, distance)].sum())
+        return float(belief.mass[self._near.within(belief.places, place, distance)].sum())
 
     def _asked(self, query: Query, belief: Belief, strongest: Indices) -> dict[int, Asked]:
         """
@@ -133,7 +133,7 @@ class Observer:
             if is_apart and len(chosen) < ASKED.strongest:
                 chosen.append(place)
         for place in belief.likeliest(1):
-            is_beside = self._near.beside(np.array(chosen), place, COMPARED.beside)
+            is_beside = self._near.within(np.array(chosen), place, COMPARED.verify_radius)
             if place in strongest and not is_beside.any():
                 chosen.append(place)
         # Nothing is detected in a frame that cannot be compared.
@@ -160,7 +160,7 @@ class Observer:
         by_state, is_asked = np.ones((STATES, len(places))), np.isin(places, [*asked])
         for place, answer in asked.items():
             ratios = ratios_of(answer.lead)[:, None]
-            beside = self._near.beside(places, place, SAME_PLACE) & ~is_asked
+            beside = self._near.within(places, place, SAME_PLACE) & ~is_asked
             by_state[:, beside] = np.minimum(by_state[:, beside], ratios)
             by_state[:, places == place] = ratios
         return by_state
@@ -171,9 +171,9 @@ class Observer:
 
         Others have the least that cells leave, or as little as the examined one nearest to them.
         """
-        apart = self._near.apart(places, examined, SAME_PLACE)
-        nearest = apart.min(axis=0)
-        is_nearest = np.isfinite(apart) & (apart == nearest)
+        distances = self._near.distances(places, examined, SAME_PLACE)
+        nearest = distances.min(axis=0)
+        is_nearest = np.isfinite(distances) & (distances == nearest)
         ratios = np.where(is_nearest, log_ratios[:, None], -np.inf).max(axis=0)
         of_all = np.where(np.isfinite(nearest), np.minimum(ratios, UNVERIFIED), UNVERIFIED)
         of_all[np.searchsorted(places, examined)] = log_ratios

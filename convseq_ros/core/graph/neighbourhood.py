@@ -42,11 +42,11 @@ class Neighbourhood:
             is_near |= bounds.nearness(places, np.array(looks), distance).any(axis=0)
         return is_near
 
-    def beside(self, places: Indices, index: int, distance: int) -> Flags:
+    def within(self, places: Indices, index: int, distance: int) -> Flags:
         """Return which of `places` (n,) are within a distance of a place in its session."""
         return self._graph.bounds.near(places, index, distance)
 
-    def apart(self, places: Indices, others: Indices, reach: int) -> Doubles:
+    def distances(self, places: Indices, others: Indices, reach: int) -> Doubles:
         """Return the distances (m, n) of others (m,) from places (n,); inf beyond the reach."""
         near = self._graph.bounds.nearness(places, others, reach)
         return np.where(near, abs(places - others[:, None]), np.inf)
