@@ -21,7 +21,7 @@ import math
 
 from convseq_ros import build_map, Config, Frame, PlaceRecognizer
 from convseq_ros.config import make_config
-from convseq_ros.simulation.drive import Way
+from convseq_ros.simulation.drive import Road
 from convseq_ros.simulation.street import Spot, Street
 from drives import count, head, options, RIGHT_M, row, shots
 
@@ -48,7 +48,7 @@ class Turned:
         return self.street.spot(self.length_m - distance_m, -offset_m, yaw_rad + math.pi)
 
 
-def driven(aisle: Way, name: str, again: str = '', back: bool = False) -> Shown:
+def driven(aisle: Road, name: str, again: str = '', back: bool = False) -> Shown:
     """Return frames 1 m apart with their positions; `again` is the light of a second drive."""
     light, lane_m = again or 'day', LANE_M + (ASIDE_M if again else 0.0)
     metres = round(aisle.length_m - 2 * MARGIN_M)

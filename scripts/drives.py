@@ -13,14 +13,14 @@ from typing import Any
 
 from convseq_ros import Frame, PlaceRecognizer
 from convseq_ros.core.types import Candidate, Pose, Reason
-from convseq_ros.simulation.drive import draw, Drive, Way
+from convseq_ros.simulation.drive import draw, Drive, Road
 from convseq_ros.simulation.route import Route
 import numpy as np
 
 RIGHT_M = 5.0
 PASSED_OVER = Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY
 START_NS, HOUR_NS = 1_700_000_000_000_000_000, 3600 * 10**9
-Shots = list[tuple[float, Frame]]  # distance along the way in metres, and frame
+Shots = list[tuple[float, Frame]]  # distance along the road in metres, and frame
 
 
 def options(description: str | None, **defaults: Any) -> argparse.Namespace:
@@ -54,11 +54,11 @@ def lanes(
     return tuple(zip(at.tolist(), offsets.tolist(), strict=True))
 
 
-def shots(way: Way, **how: Any) -> Shots:
+def shots(road: Road, **how: Any) -> Shots:
     """Return the frames of a drive, by default of 320 x 240 px and 1 m apart."""
     drive = Drive(**{'width_px': 320, 'height_px': 240} | how)
     progress(f'drawing {drive.num_frames} frames by {drive.light}')
-    return [(shot.distance_m, shot.frame) for shot in draw(way, drive)]
+    return [(shot.distance_m, shot.frame) for shot in draw(road, drive)]
 
 
 def blind(frames: Iterable[Frame]) -> list[Frame]:

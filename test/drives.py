@@ -15,7 +15,7 @@ from typing import Any
 from convseq_ros import simulation
 from convseq_ros.core import types
 from convseq_ros.core.types import Camera, Pose
-from convseq_ros.simulation.drive import draw, Drive, Shot, Way
+from convseq_ros.simulation.drive import draw, Drive, Road, Shot
 import cv2
 import numpy as np
 
@@ -87,6 +87,6 @@ def _camera(stored: dict[str, Any] | None) -> Camera | None:
     return stored and Camera(**stored | {name: read(stored[name]) for name, read in own.items()})
 
 
-def shots_of(way: Way, drive: Drive) -> list[Shot]:
+def shots_of(road: Road, drive: Drive) -> list[Shot]:
     """Return the shots of a drive."""
-    return kept(lambda: draw(way, drive), way, drive)
+    return kept(lambda: draw(road, drive), road, drive)

@@ -21,7 +21,7 @@ _SLOPE_M = 0.5
 _MOST_VIEWS = 2
 
 
-class Way(Protocol):
+class Road(Protocol):
     """A street, or a route through a town."""
 
     @property
@@ -29,14 +29,14 @@ class Way(Protocol):
         """The drivable length."""
 
     def spot(self, distance_m: float, offset_m: float, yaw_rad: float) -> Spot:
-        """Return the spot at a distance, an offset to the left and a yaw against the way."""
+        """Return the spot at a distance, an offset to the left and a yaw against the road."""
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
     """How a street or a route is driven; angles are positive to the left."""
 
-    start_m: float = 0.0  # along the way, where the first frame is taken
+    start_m: float = 0.0  # along the road, where the first frame is taken
     speed_mps: float = 10.0  # 0 stands still, negative speeds drive towards the beginning
     frame_rate_hz: float = 10.0
     num_frames: int = 150
@@ -87,7 +87,7 @@ class Drive:
         return Camera(self.width_px, self.height_px, focal, focal, *middle, mount=mount)
 
     def distance_m(self, index: int) -> float:
-        """Return the distance along the way at a frame."""
+        """Return the distance along the road at a frame."""
         return self.start_m + self.speed_mps * index / self.frame_rate_hz
 
     def offset_m(self, distance_m: float) -> float:
@@ -114,7 +114,7 @@ class Shot:
     stamp_ns: int
     image: Image  # (H, W, 3), BGR
     pose: Pose  # of the vehicle, in the world
-    distance_m: float  # along the way
+    distance_m: float  # along the road
     odometry: Pose | None = None  # the measured pose, if it differs from the true pose
     camera: Camera | None = None
     depth_m: npt.NDArray[np.float32] | None = None  # (H, W), along the optical axis, 0 for the sky
@@ -127,13 +127,13 @@ class Shot:
         return Frame(*values, camera=self.camera, depth_m=self.depth_m)
 
 
-def draw(way: Way, drive: Drive) -> Iterator[Shot]:
-    """Yield the frames of a drive, drawn on demand; ConvseqError if it leaves the way."""
+def draw(road: Road, drive: Drive) -> Iterator[Shot]:
+    """Yield the frames of a drive, drawn on demand; ConvseqError if it leaves the road."""
     ends_m = drive.start_m, drive.distance_m(drive.num_frames - 1)
-    if max(ends_m) > way.length_m:
+    if max(ends_m) > road.length_m:
         raise ConvseqError(
             f'num_frames: the drive ends at {max(ends_m):g} m, '
-            f'beyond the street of {way.length_m:g} m; draw a longer street'
+            f'beyond the street of {road.length_m:g} m; draw a longer street'
         )
     if drive.num_frames and min(ends_m) < 0:
         raise ConvseqError(
@@ -145,7 +145,7 @@ def draw(way: Way, drive: Drive) -> Iterator[Shot]:
     views: dict[Street, View] = {}
     for index in range(drive.num_frames):
         distance = drive.distance_m(index)
-        spot = way.spot(distance, drive.offset_m(distance), drive.yaw_rad(distance))
+        spot = road.spot(distance, drive.offset_m(distance), drive.yaw_rad(distance))
         view = views.pop(spot.street, None) or View(
             spot.street, light, drive.width_px, drive.height_px, drive.field_of_view_deg
         )
