@@ -21,7 +21,7 @@ from convseq_ros.core.pose.estimate import with_map_errors
 from convseq_ros.core.rigid import inverse, matrix
 from convseq_ros.core.types import LocalizationState
 from convseq_ros.node.measured_transform import MeasuredTransform
-from convseq_ros.simulation.odometry import Drift, Odometer
+from convseq_ros.simulation.odometry import Drift, DriftingOdometer
 from convseq_ros.simulation.street import Street
 from drives import head, HOUR_NS, lanes, options, row, shots, START_NS
 import numpy as np
@@ -62,7 +62,7 @@ def driven(seed: int, metres: int) -> tuple[int, int, list[float], list[float]]:
         street, num_frames=metres - 20, start_m=8.4, lanes=line, seed=seed + 1,
         start_ns=START_NS + HOUR_NS, **SIZE,
     )  # fmt: skip
-    recognizer, odometer = PlaceRecognizer(mapped), Odometer(DRIFT)
+    recognizer, odometer = PlaceRecognizer(mapped), DriftingOdometer(DRIFT)
     odometry, sent = SimpleNamespace(on_pose=None), list[np.ndarray]()
     transform = MeasuredTransform(Mock(), NodeConfig(), odometry)
     transform._output = SimpleNamespace(publish=lambda *all_: sent.append(all_[2]), stamp_ns=0)

@@ -18,7 +18,7 @@ from pathlib import Path
 from convseq_ros import build_map, Config, Frame, PlaceRecognizer
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.types import Descriptor, Localization, LocalizationState, Pose
-from convseq_ros.simulation.odometry import Drift, Odometer
+from convseq_ros.simulation.odometry import Drift, DriftingOdometer
 from convseq_ros.sources import open_source
 from drives import away_m, head, HOUR_NS, lanes, options, RIGHT_M, row, shots, START_NS, town
 import numpy as np
@@ -53,7 +53,9 @@ def driven(seed: int, light: str, aside_m: float, noise: float, frames: int) -> 
     return [(frame, describe(frame.gray)) for _, frame in drawn if frame.gray is not None]
 
 
-def with_odometry(shown: Iterable[tuple[Frame, Descriptor]], odometer: Odometer) -> Iterator:
+def with_odometry(
+    shown: Iterable[tuple[Frame, Descriptor]], odometer: DriftingOdometer
+) -> Iterator:
     """Yield frames with poses of drifting odometry instead of true poses."""
     for frame, descriptor in shown:
         yield replace(frame, pose=frame.pose and odometer.moved_to(frame.pose)), descriptor
@@ -88,7 +90,7 @@ def starts(recognizer: PlaceRecognizer, shown: Shown, count: int) -> list[Outcom
     for number, begin in enumerate(begins):
         recognizer.reset()
         part = shown[begin : begin + PATIENCE]
-        odometer = Odometer(replace(DRIFT, seed=number))
+        odometer = DriftingOdometer(replace(DRIFT, seed=number))
         outcomes.append(localised(recognizer, with_odometry(part, odometer), poses(part)))
     return outcomes
 
@@ -103,7 +105,8 @@ def kidnappings(
         there = poses(shown[second : second + AFTER])
         if away_m(shown[first + BEFORE - 1][0].pose, there[0]) < APART_M:
             continue
-        odometer, start_ns = Odometer(replace(DRIFT, seed=len(results))), shown[first][0].stamp_ns
+        odometer = DriftingOdometer(replace(DRIFT, seed=len(results)))
+        start_ns = shown[first][0].stamp_ns
         recognizer.reset()
         both = [*shown[first : first + BEFORE], *shown[second : second + AFTER]]
         stamped = [

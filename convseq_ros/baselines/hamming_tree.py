@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A tree of all descriptors of a map: HBST (Schlegel and Grisetti, RA-L 2018), by `pyhbst`."""
 
-from convseq_ros.baselines.local_features import Keypoints
+from convseq_ros.baselines.local_features import LocalFeatures
 import numpy as np
 import numpy.typing as npt
 
@@ -22,13 +22,13 @@ class HammingTree:
     def __len__(self) -> int:
         return self._images
 
-    def add(self, keypoints: Keypoints) -> None:
+    def add(self, keypoints: LocalFeatures) -> None:
         """Add an image of ORB keypoints; its number is the number of images before."""
         if len(keypoints.points_px):
             self._tree.add(*_lists(keypoints), self._images, self._even)
         self._images += 1
 
-    def shares(self, keypoints: Keypoints) -> npt.NDArray[np.float32]:
+    def shares(self, keypoints: LocalFeatures) -> npt.NDArray[np.float32]:
         """Return the share of the descriptors that each image of the tree matches, (R,)."""
         shares = np.zeros(self._images, np.float32)
         if len(keypoints.points_px):
@@ -38,7 +38,7 @@ class HammingTree:
         return shares
 
 
-def _lists(keypoints: Keypoints) -> tuple[list[list[float]], list[list[bool]]]:
+def _lists(keypoints: LocalFeatures) -> tuple[list[list[float]], list[list[bool]]]:
     """Return points and bits as the library wants them."""
     bits = np.unpackbits(np.asarray(keypoints.descriptors, np.uint8), axis=1).astype(bool)
     return keypoints.points_px.tolist(), bits.tolist()

@@ -22,7 +22,7 @@ Nodes = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Keypoints:
+class LocalFeatures:
     """Keypoints of one image."""
 
     points_px: npt.NDArray[np.float32]  # (n, 2), columns and rows
@@ -36,10 +36,10 @@ class Keypoints:
         return self.points_px.nbytes + self.descriptors.size + nodes_bytes
 
 
-Extract = Callable[..., Keypoints]  # of an image, and the `rows` that it is enlarged to
+Extract = Callable[..., LocalFeatures]  # of an image, and the `rows` that it is enlarged to
 
 
-def orb(gray: npt.NDArray[np.uint8], rows: int = ROWS) -> Keypoints:
+def orb(gray: npt.NDArray[np.uint8], rows: int = ROWS) -> LocalFeatures:
     """Return the ORB keypoints (Rublee et al. 2011) of a grey image (H, W), enlarged to `rows`."""
     if min(gray.shape) < _SMALLEST_PX:
         return _keypoints((), np.zeros((0, 32), np.uint8))
@@ -48,7 +48,7 @@ def orb(gray: npt.NDArray[np.uint8], rows: int = ROWS) -> Keypoints:
     return _keypoints(points, np.zeros((0, 32), np.uint8) if bits is None else bits)
 
 
-def root_sift(gray: npt.NDArray[np.uint8], rows: int = ROWS) -> Keypoints:
+def root_sift(gray: npt.NDArray[np.uint8], rows: int = ROWS) -> LocalFeatures:
     """
     Return SIFT (Lowe 2004) as RootSIFT (Arandjelovic and Zisserman 2012) of an image (H, W).
 
@@ -69,7 +69,7 @@ def _enlarged(gray: npt.NDArray[np.uint8], least: int) -> npt.NDArray[np.uint8]:
     return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
-def inliers(query: Keypoints, reference: Keypoints) -> int:
+def inliers(query: LocalFeatures, reference: LocalFeatures) -> int:
     """Return the number of inliers of the best fundamental matrix; 0 if fewer than 12."""
     if min(len(query.points_px), len(reference.points_px)) < FEWEST:
         return 0
@@ -113,5 +113,5 @@ def indexed_matches(
     return np.concatenate(pairs)
 
 
-def _keypoints(points: Sequence[cv2.KeyPoint], rows: Rows) -> Keypoints:
-    return Keypoints(np.array([point.pt for point in points], np.float32).reshape(-1, 2), rows)
+def _keypoints(points: Sequence[cv2.KeyPoint], rows: Rows) -> LocalFeatures:
+    return LocalFeatures(np.array([point.pt for point in points], np.float32).reshape(-1, 2), rows)

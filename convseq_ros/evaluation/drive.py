@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 
 @dataclass(frozen=True)
-class Drive:
+class DescribedDrive:
     """The descriptors of a drive's images; entry i belongs to frame i."""
 
     encoding: EncodingConfig
@@ -62,7 +62,7 @@ class Drive:
         return reference_map
 
 
-def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
+def describe_drive(images: Images, encoding: EncodingConfig) -> DescribedDrive:
     """Return the described drive; uses the descriptor model of the encoding, if there is one."""
     model = open_model(Config(encoding=encoding, reading=images.reading))
     blank = blank_descriptor(encoding)
@@ -96,4 +96,4 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
     if not described_ms:
         raise SourceError(f'{images.part}: none of its {len(names)} images can be read')
     times_ms = float(np.median(described_ms)), float(np.median(detected_ms))
-    return Drive(encoding, stamps_ns, names, readable, descriptors, *times_ms, thumbnails)
+    return DescribedDrive(encoding, stamps_ns, names, readable, descriptors, *times_ms, thumbnails)

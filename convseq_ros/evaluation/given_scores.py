@@ -12,7 +12,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import Descriptor, Indices, Match, Row, Shift
-from convseq_ros.evaluation.drive import Drive
+from convseq_ros.evaluation.drive import DescribedDrive
 from convseq_ros.evaluation.recognition import overridden, Scores
 import numpy as np
 import numpy.typing as npt
@@ -60,7 +60,7 @@ class GivenScores(Matcher):
 
 def recognize_given(
     rows: Scores,
-    drive: Drive,
+    drive: DescribedDrive,
     reference_map: ReferenceMap,
     config: Config,
     scorer: SequenceScorer | None = None,
@@ -88,7 +88,10 @@ def recognize_given(
 
 
 def rank_references(
-    rows: Scores, drive: Drive, lengths: Sequence[int], scorer: SequenceScorer = sequence_scores
+    rows: Scores,
+    drive: DescribedDrive,
+    lengths: Sequence[int],
+    scorer: SequenceScorer = sequence_scores,
 ) -> SequenceScores:
     """Return sequence scores (Q, R); `lengths` (Q,) are the sequence lengths k, 0 for none."""
     usable = drive.informative & np.isfinite(rows).any(axis=1)
@@ -101,7 +104,7 @@ def rank_references(
 
 
 def _recognized(
-    rows: Scores, drive: Drive, reference_map: ReferenceMap, config: Config
+    rows: Scores, drive: DescribedDrive, reference_map: ReferenceMap, config: Config
 ) -> list[Match]:
     matcher = GivenScores(rows)
     recognizer = PlaceRecognizer(reference_map, config, matcher)

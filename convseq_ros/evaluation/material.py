@@ -10,7 +10,7 @@ from convseq_ros.config import EncodingConfig
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.data_set import DataSet, Part
-from convseq_ros.evaluation.drive import describe_drive, Drive
+from convseq_ros.evaluation.drive import describe_drive, DescribedDrive
 from convseq_ros.evaluation.images import Images
 from convseq_ros.evaluation.truth import (
     from_pairs,
@@ -37,11 +37,11 @@ class Material:
     query: Images
     reference: Images  # equals `query` for a drive against its own past
     truth: Truth  # for a drive against its own past, without the recent frames
-    _drives: dict[EncodingConfig, tuple[Drive, Drive]] = field(
+    _drives: dict[EncodingConfig, tuple[DescribedDrive, DescribedDrive]] = field(
         default_factory=dict, compare=False, repr=False
     )
 
-    def drives(self, encoding: EncodingConfig) -> tuple[Drive, Drive]:
+    def drives(self, encoding: EncodingConfig) -> tuple[DescribedDrive, DescribedDrive]:
         """Return the described query and reference."""
         if encoding not in self._drives:
             self._drives[encoding] = self.each(lambda images: describe_drive(images, encoding))
@@ -88,7 +88,9 @@ def _images(part: Part, data_set: DataSet, reading: ReadingConfig) -> Images:
     return Images(part, reading)
 
 
-def _truth(data_set: DataSet, query: Drive, reference: Drive, reading: ReadingConfig) -> Truth:
+def _truth(
+    data_set: DataSet, query: DescribedDrive, reference: DescribedDrive, reading: ReadingConfig
+) -> Truth:
     source, shape = data_set.truth, (len(query), len(reference))
     if source.kind == 'none':
         return Truth(np.zeros(shape, np.bool_))
@@ -110,7 +112,7 @@ def _truth(data_set: DataSet, query: Drive, reference: Drive, reading: ReadingCo
 
 
 def _positions(
-    data_set: DataSet, part: Part, drive: Drive, name: str, reading: ReadingConfig
+    data_set: DataSet, part: Part, drive: DescribedDrive, name: str, reading: ReadingConfig
 ) -> npt.NDArray[np.float64]:
     if part.backwards:
         raise SourceError(f'{data_set.name}: {name}: poses cannot go backwards; give a table')

@@ -28,7 +28,7 @@ from convseq_ros.evaluation.recognition import (
     After,
     alone,
     overridden,
-    Recognition,
+    QueryAnswers,
     recognize,
     verified,
 )
@@ -71,11 +71,11 @@ class Method:
     def rows(self, material: Material) -> PairScores:
         return self.kind.rows(material, self.name, self.config)
 
-    def measured(self, material: Material, recognition: Recognition) -> PairScores:
+    def measured(self, material: Material, answered: QueryAnswers) -> PairScores:
         """Return the recogniser's pair scores with their time and memory costs."""
         query, reference = material.drives(self.config.encoding)
         encode_ms, reference_map = query.encode_ms, reference.reference_map
-        row_ms = max(0.0, float(np.median(recognition.durations_ms)) - encode_ms)
+        row_ms = max(0.0, float(np.median(answered.durations_ms)) - encode_ms)
         place_bytes: float = reference_map.global_descriptors[0].nbytes
         if self.config.matching.matching != 'descriptor':
             place_bytes += reference_map.packed(0).nbytes
@@ -83,7 +83,7 @@ class Method:
             encode_ms += query.keypoints_ms
             stored = (one.keypoints for one in reference.descriptors)
             place_bytes += float(np.mean([0 if one is None else one.nbytes for one in stored]))
-        return PairScores(recognition.rows, encode_ms, row_ms, place_bytes=place_bytes)
+        return PairScores(answered.rows, encode_ms, row_ms, place_bytes=place_bytes)
 
 
 def make_method(name: MethodName, config: Config) -> Method:

@@ -12,13 +12,13 @@ from typing import Any
 
 from convseq_ros.baselines import local_features, vlad
 from convseq_ros.baselines.hamming_tree import HammingTree
-from convseq_ros.baselines.local_features import Extract, inliers, Keypoints, ROWS
+from convseq_ros.baselines.local_features import Extract, inliers, LocalFeatures, ROWS
 from convseq_ros.baselines.loop_detector import CONSISTENT, detect, Detection
 from convseq_ros.baselines.vocabulary import bag_scores, LEVELS, Vocabulary
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Frame, Match, Reason
-from convseq_ros.evaluation.drive import Drive
+from convseq_ros.evaluation.drive import DescribedDrive
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.images import described
 from convseq_ros.evaluation.material import Material
@@ -173,7 +173,9 @@ def verified_best(
     return detections
 
 
-def matches_of(detections: Iterable[Detection], query: Drive, part: ReferenceMap) -> list[Match]:
+def matches_of(
+    detections: Iterable[Detection], query: DescribedDrive, part: ReferenceMap
+) -> list[Match]:
     """Return detections as matches; the score is the share of keypoints that are inliers."""
     matches = []
     for index, (detection, stamp_ns) in enumerate(zip(detections, query.stamps_ns, strict=True)):
@@ -188,15 +190,15 @@ def matches_of(detections: Iterable[Detection], query: Drive, part: ReferenceMap
 
 
 @lru_cache(maxsize=32)
-def _in_folder(folder: str, peer: _Peer, rows: int, reading: ReadingConfig) -> list[Keypoints]:
+def _in_folder(folder: str, peer: _Peer, rows: int, reading: ReadingConfig) -> list[LocalFeatures]:
     """Return the keypoints of a folder's images; they are cached, as many data sets share them."""
     source = open_source(Path(folder), '', reading)
     return _extracted(source, partial(peer.extract, rows=rows))[0]
 
 
 def _extracted(
-    frames: Iterable[Frame], extract: Callable[[npt.NDArray[np.uint8]], Keypoints]
-) -> tuple[list[Keypoints], float]:
+    frames: Iterable[Frame], extract: Callable[[npt.NDArray[np.uint8]], LocalFeatures]
+) -> tuple[list[LocalFeatures], float]:
     """Return the keypoints per frame, empty if unreadable, and the median time in ms."""
     keypoints, median_ms = described(frames, extract)
     empty = extract(np.zeros((1, 1), np.uint8))

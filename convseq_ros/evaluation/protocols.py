@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from convseq_ros.core.types import Match
-from convseq_ros.evaluation.drive import Drive
+from convseq_ros.evaluation.drive import DescribedDrive
 from convseq_ros.evaluation.given_scores import (
     PairScores,
     rank_references,
@@ -23,7 +23,7 @@ from convseq_ros.evaluation.methods import Method
 from convseq_ros.evaluation.peers import matches_of
 from convseq_ros.evaluation.recognition import (
     part_of,
-    Recognition,
+    QueryAnswers,
     recognize,
     renumbered,
     Scores,
@@ -47,7 +47,7 @@ class Outcome:
     right: Flags  # (M, R), the right references
     slip: Flags  # (M, R), references just outside the tolerance
     halves: list[str]  # M; name of the kept part of the map, empty for the full map
-    query: Drive
+    query: DescribedDrive
     pairs: PairScores  # of single frames
     frame_ms: float | None  # median time of a frame, if measured
     durations_ms: Sequence[float]  # time of every frame with the full map, or empty
@@ -67,9 +67,9 @@ def run_protocol(
     if protocol == OPEN:
         spans = kept_halves(len(reference), keep)
     if method.kind.recognizer and protocol != OPEN:
-        recognition = recognize(material, method.config, after=method.kind.after)
-        pairs = method.measured(material, recognition)
-        answers = [_ranked(material, method, recognition, recognition.rows, spans[''])]
+        answered = recognize(material, method.config, after=method.kind.after)
+        pairs = method.measured(material, answered)
+        answers = [_ranked(material, method, answered, answered.rows, spans[''])]
     else:
         pairs = method.rows(material)
         rows = pairs.scores
@@ -104,23 +104,23 @@ def kept_halves(count: int, keep: float | None = None) -> Mapping[str, Span]:
 
 
 def _ranked(
-    material: Material, method: Method, recognition: Recognition, rows: Scores, span: Span
-) -> Recognition:
+    material: Material, method: Method, answered: QueryAnswers, rows: Scores, span: Span
+) -> QueryAnswers:
     """Return the recogniser's answers with sequence scores, -inf outside the span."""
     query, _ = material.drives(method.config.encoding)
     first, last = span
-    lengths = [match.sequence_length for match in recognition.matches]
+    lengths = [match.sequence_length for match in answered.matches]
     scores = np.full(rows.shape, -np.inf)
     scores[:, first:last] = rank_references(rows[:, first:last], query, lengths)
-    return replace(recognition, rows=scores)
+    return replace(answered, rows=scores)
 
 
 def _of_part(
     material: Material, method: Method, pairs: PairScores, rows: Scores, span: Span
-) -> Recognition:
+) -> QueryAnswers:
     if method.kind.recognizer:
-        recognition = recognize(material, method.config, span, method.kind.after)
-        return _ranked(material, method, recognition, rows, span)
+        answered = recognize(material, method.config, span, method.kind.after)
+        return _ranked(material, method, answered, rows, span)
     query, reference = material.drives(method.config.encoding)
     first, last = span
     part = part_of(reference.reference_map, first, last)
@@ -133,10 +133,10 @@ def _of_part(
         arguments = query, part, method.config, pairs.scorer
         answers, scores[:, first:last] = recognize_given(kept, *arguments)
     matches = [renumbered(match, lambda best: best.reference_index + first) for match in answers]
-    return Recognition(matches, [], scores)
+    return QueryAnswers(matches, [], scores)
 
 
-def _frame_ms(answers: Sequence[Recognition], pairs: PairScores, protocol: str) -> float | None:
+def _frame_ms(answers: Sequence[QueryAnswers], pairs: PairScores, protocol: str) -> float | None:
     durations = [duration_ms for answer in answers for duration_ms in answer.durations_ms]
     if not durations:
         if pairs.encode_ms is None or pairs.row_ms is None:

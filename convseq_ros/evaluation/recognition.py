@@ -25,7 +25,7 @@ _VERIFIED = 10  # places, the best by their pair scores
 
 
 @dataclass(frozen=True, slots=True)
-class Recognition:
+class QueryAnswers:
     """The recogniser's answers to the Q frames of a query."""
 
     matches: list[types.Match]  # references are numbered as in the full drive
@@ -79,7 +79,7 @@ def verified(recognizer: PlaceRecognizer, match: types.Match) -> types.Match:
 
 def recognize(
     material: Material, config: Config, span: Span | None = None, after: After | None = None
-) -> Recognition:
+) -> QueryAnswers:
     """
     Return the recogniser's answers; a drive against its own past runs in online mode.
 
@@ -116,7 +116,7 @@ def recognize(
             usable = reference_map.places[: len(newest)]
             row[[number[place.stamp_ns] for place in usable]] = newest
         matches.append(renumbered(match, lambda best: number[best.reference_stamp_ns]))
-    return Recognition(matches, durations, rows)
+    return QueryAnswers(matches, durations, rows)
 
 
 def renumbered(match: types.Match, number: Callable[[types.Candidate], int]) -> types.Match:

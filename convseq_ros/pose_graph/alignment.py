@@ -11,7 +11,7 @@ import numpy as np
 
 
 @constants
-class ALIGNMENT:
+class SESSION_ALIGNMENT:
     """Limits of the vote; chosen by experience, not tuned."""
 
     near_m: float = 3.0  # distance within which two links agree on where a session lies
@@ -50,10 +50,10 @@ def agreed(pairs: Sequence[tuple[Matrix, Matrix]]) -> Matrix:
     """
     goals = np.array([goal[:3, 3] for goal, _ in pairs])
     positions = np.array([pose[:3, 3] for _, pose in pairs])
-    tried = pairs[:: max(1, len(pairs) // ALIGNMENT.tried)]
+    tried = pairs[:: max(1, len(pairs) // SESSION_ALIGNMENT.tried)]
     moves = [np.eye(4), *(goal @ inverse(pose) for goal, pose in tried)]
     counts = []
     for move in moves:
         errors_m = np.linalg.norm(positions @ move[:3, :3].T + move[:3, 3] - goals, axis=1)
-        counts.append(int((errors_m <= ALIGNMENT.near_m).sum()))
+        counts.append(int((errors_m <= SESSION_ALIGNMENT.near_m).sum()))
     return moves[int(np.argmax(counts))]

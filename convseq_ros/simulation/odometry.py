@@ -27,7 +27,7 @@ class Drift:
     seed: int = 0  # of the random errors
 
 
-class Odometer:
+class DriftingOdometer:
     """Measures the motion of a vehicle with drift, from its first pose."""
 
     def __init__(self, drift: Drift) -> None:
@@ -68,5 +68,5 @@ class Odometer:
 
 def with_odometry(shots: Iterable[Shot], drift: Drift) -> Iterator[Shot]:
     """Yield the shots with drifting odometry."""
-    odometer = Odometer(drift)
+    odometer = DriftingOdometer(drift)
     return (replace(shot, odometry=odometer.moved_to(shot.pose)) for shot in shots)

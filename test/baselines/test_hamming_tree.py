@@ -3,7 +3,7 @@
 """A tree of all descriptors of a map, and the decision on a frame by itself."""
 
 from convseq_ros.baselines.hamming_tree import HammingTree
-from convseq_ros.baselines.local_features import Keypoints
+from convseq_ros.baselines.local_features import LocalFeatures
 from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.config import Config
 from convseq_ros.errors import ConfigError
@@ -23,7 +23,7 @@ needs_pyhbst = pytest.mark.skipif(
 
 
 def keypoints(bits):
-    return Keypoints(np.zeros((len(bits), 2), np.float32), np.array(bits, np.uint8))
+    return LocalFeatures(np.zeros((len(bits), 2), np.float32), np.array(bits, np.uint8))
 
 
 @needs_pyhbst

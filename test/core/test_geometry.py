@@ -7,7 +7,7 @@ from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.geometry import numpy_kernels
 from convseq_ros.core.geometry.displacement import packed_regions
 from convseq_ros.core.geometry.structure import Structure
-from convseq_ros.core.geometry.verification import MOTION, NOTHING, Verification
+from convseq_ros.core.geometry.verification import MOTION_FIT, NOTHING, Verification
 from convseq_ros.core.geometry.verification import verify as verify_all
 from convseq_ros.core.rigid import turned_by
 import cv2
@@ -104,7 +104,7 @@ def test_the_motion_of_a_hand_worked_field_is_found_among_false_displacements(ke
     found = np.column_stack((places, moved, np.ones(300))).astype(np.float32)
     motion, off = kernel.fit_motion(found, SIDE, (0, 0))
     assert off[100:].max() < 0.25  # the false ones and the stiffness bias it a little
-    assert np.median(off[:100]) > MOTION.sigma_cells
+    assert np.median(off[:100]) > MOTION_FIT.sigma_cells
     assert motion[:, 0] == pytest.approx([1, -2], abs=0.1)
     assert motion[0, 1:] / SIDE == pytest.approx([0.1, 0], abs=0.02)
     assert motion[1, 1:] / SIDE == pytest.approx([0, 0.05], abs=0.02)

@@ -15,7 +15,12 @@ from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.map_builder import build_map
-from convseq_ros.core.pose.image_pose import KEYPOINT, Keypoints, KeypointView, matched_keypoints
+from convseq_ros.core.pose.image_pose import (
+    KEYPOINT,
+    KeypointView,
+    matched_keypoints,
+    SiftKeypoints,
+)
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera
 from convseq_ros.simulation.drive import Drive
@@ -189,7 +194,7 @@ def test_units_of_keypoints_are_those_of_the_image_that_was_searched():
 
 def test_keypoints_match_that_are_mutual_and_clearly_nearer_than_the_second():
     first, second = (
-        Keypoints(np.zeros((len(rows), 2)), np.array(rows, np.float32), (1, 1))
+        SiftKeypoints(np.zeros((len(rows), 2)), np.array(rows, np.float32), (1, 1))
         for rows in ([(0, 0), (50, 0), (100, 0)], [(8, 0), (0, 10), (50, 0), (109, 0), (100, 10)])
     )
     # 8 of 10 are clear, and 9 of 10 are not.
@@ -205,7 +210,7 @@ def test_a_match_off_its_epipolar_line_is_left_out():
     for view in (points, points + moved[:3, 3]):
         pixels = 500 * view[:, :2] / view[:, 2:] + (320, 240)
         shares, descriptors = pixels / (640, 480), 100 * np.eye(60, dtype=np.float32)
-        views.append(KeypointView(camera, Keypoints(shares, descriptors, (640, 480))))
+        views.append(KeypointView(camera, SiftKeypoints(shares, descriptors, (640, 480))))
     views[1].keypoints.shares[7] += 0.0, 0.1
     found = views[0].sight_of_scene(views[1], moved).observed
     assert np.flatnonzero(np.isnan(found).any(axis=1)).tolist() == [7]

@@ -7,7 +7,7 @@ import math
 
 from convseq_ros.errors import ConvseqError
 from convseq_ros.simulation.drive import draw, Drive
-from convseq_ros.simulation.odometry import Drift, Odometer, with_odometry
+from convseq_ros.simulation.odometry import Drift, DriftingOdometer, with_odometry
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
 from convseq_ros.sources.recording import read_camera_in, read_poses
@@ -89,12 +89,12 @@ def yaw_of(pose):
 
 
 def straight(drift, metres=100):
-    odometer = Odometer(drift)
+    odometer = DriftingOdometer(drift)
     return [odometer.moved_to(pose(x)) for x in range(metres + 1)]
 
 
 def test_odometry_without_drift_is_the_true_pose_relative_to_the_start():
-    odometer = Odometer(NONE)
+    odometer = DriftingOdometer(NONE)
     odometer.moved_to(pose(5.0, 3.0, math.pi / 2))
     moved = odometer.moved_to(pose(4.0, 5.0, math.pi))
     assert moved.position == pytest.approx((2.0, 1.0, 0.0))

@@ -8,7 +8,7 @@ from convseq_ros.core.compiled import address, Array, DOUBLE, FLOAT, kernel, SIZ
 from convseq_ros.core.encoding.regions import Regions
 from convseq_ros.core.geometry.displacement import Displacements, FIELD, PackedRegions, weights
 from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
-from convseq_ros.core.geometry.verification import initial_motion, MOTION, Motion
+from convseq_ros.core.geometry.verification import initial_motion, Motion, MOTION_FIT
 from convseq_ros.core.types import Doubles
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +27,7 @@ _align = kernel(
     'align', *(_DOUBLES,) * 4, SIZE, _DOUBLES, _DOUBLES, SIZE, DOUBLE, DOUBLE, *(_DOUBLES,) * 5
 )
 _OF_FIELD = 1 / FIELD.scale**2, weights(), FIELD.tolerance_cells
-_OF_MOTION = MOTION.sigma_cells, MOTION.rounds, MOTION.stiffness
+_OF_MOTION = MOTION_FIT.sigma_cells, MOTION_FIT.rounds, MOTION_FIT.stiffness
 
 
 def arrange(regions: Regions, rows: npt.NDArray[np.int32]) -> None:

@@ -8,7 +8,7 @@ from functools import lru_cache
 from convseq_ros.core.encoding.regions import Regions
 from convseq_ros.core.geometry.displacement import Displacements, FIELD, PackedRegions, weights
 from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
-from convseq_ros.core.geometry.verification import initial_motion, MOTION, Motion
+from convseq_ros.core.geometry.verification import initial_motion, Motion, MOTION_FIT
 from convseq_ros.core.rigid import turned_by
 from convseq_ros.core.types import Doubles, Flags, Floats
 import cv2
@@ -64,12 +64,12 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
     It starts as the shift `start` and is fitted 8 times, by weighted least squares: an error of s
     cells has the weight 1 / (1 + (s / 2)^2)^2.
     """
-    middle, sigma = (side - 1) / 2, MOTION.sigma_cells
+    middle, sigma = (side - 1) / 2, MOTION_FIT.sigma_cells
     places, moved = np.ones((3, len(found))), np.array(found[:, 2:4].T, np.float64)
     places[1:] = (found[:, :2].T.astype(np.float64) - middle) / side
     motion = initial_motion(start)
-    stiff = np.diag([1e-6, MOTION.stiffness, MOTION.stiffness])
-    for _ in range(MOTION.rounds):
+    stiff = np.diag([1e-6, MOTION_FIT.stiffness, MOTION_FIT.stiffness])
+    for _ in range(MOTION_FIT.rounds):
         off_squared = ((moved - motion @ places) ** 2).sum(axis=0)
         weighted = places / (1 + off_squared / sigma**2) ** 2
         motion = np.linalg.solve(weighted @ places.T + stiff, weighted @ moved.T).T
@@ -84,9 +84,9 @@ def verified(
     for row, reference, start in zip(results, references, starts, strict=True):
         found = displacements(query, reference, start)
         off = fit_motion(found, query.side, start)[1]
-        each = found[:, 4] / (1 + (off / MOTION.sigma_cells) ** 2)
+        each = found[:, 4] / (1 + (off / MOTION_FIT.sigma_cells) ** 2)
         is_upper = found[:, 0] < query.side / 2
-        row[0] = (off <= MOTION.sigma_cells).sum()
+        row[0] = (off <= MOTION_FIT.sigma_cells).sum()
         row[1:] = max(0.0, each.sum()), max(0.0, each[is_upper].sum())
     return results
 

@@ -24,7 +24,7 @@ Motion = tuple[Doubles, Doubles]
 
 
 @constants
-class MOTION:
+class MOTION_FIT:
     """The fit; tuned on 10 sets, by day and darkened (docs/GEOMETRY.md)."""
 
     sigma_cells: float = 2.0  # error at which a region counts half; 1 misses parallax
@@ -72,7 +72,7 @@ def field(query: PackedRegions, reference: PackedRegions, shift: Shift) -> Doubl
     off = kernels.fit_motion(regions, query.side, start)[1]
     middles = np.hstack((regions[:, :2], regions[:, :2] + regions[:, 2:4])) + REGION.span / 2
     cells = query.side + REGION.span - 1
-    return np.column_stack((middles / cells, off <= MOTION.sigma_cells)).astype(np.float64)
+    return np.column_stack((middles / cells, off <= MOTION_FIT.sigma_cells)).astype(np.float64)
 
 
 def motion(query: PackedRegions, reference: PackedRegions, shift: Shift) -> Doubles:

@@ -46,7 +46,7 @@ class KEYPOINT:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Keypoints:
+class SiftKeypoints:
     """The keypoints of an image; equal to itself only."""
 
     shares: Points  # (n, 2), across and down, as shares of the image: in (0, 1)
@@ -54,7 +54,7 @@ class Keypoints:
     size_px: tuple[int, int]  # of the image, width and height
 
 
-def keypoints(gray: Gray, visible: Flags) -> Keypoints:
+def keypoints(gray: Gray, visible: Flags) -> SiftKeypoints:
     """Return the keypoints of an image (H, W) in the part that `visible`, of any size, shows."""
     size = gray.shape[1], gray.shape[0]
     mask = None
@@ -65,10 +65,10 @@ def keypoints(gray: Gray, visible: Flags) -> Keypoints:
     positions = np.array([keypoint.pt for keypoint in detected], np.float64).reshape(-1, 2)
     if descriptors is None:
         descriptors = np.zeros((0, 128), np.float32)
-    return Keypoints((positions + 0.5) / size, descriptors, size)
+    return SiftKeypoints((positions + 0.5) / size, descriptors, size)
 
 
-def matched_keypoints(first: Keypoints, second: Keypoints) -> Pairs:
+def matched_keypoints(first: SiftKeypoints, second: SiftKeypoints) -> Pairs:
     """Return mutual best matches of two images that pass the ratio test."""
     if min(len(first.descriptors), len(second.descriptors)) < 2:
         return np.zeros((0, 2), np.int64)
@@ -111,7 +111,7 @@ class LensView:
 class KeypointView(LensView):
     """An image by its keypoints."""
 
-    keypoints: Keypoints
+    keypoints: SiftKeypoints
 
     @property
     def scale(self) -> Doubles:
