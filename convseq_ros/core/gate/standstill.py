@@ -41,7 +41,7 @@ class Standstill:
             return False
         if (still := self._by_pose(pose)) is None:
             still, last = False, self._descriptor
-            if self._by_image and last is not None and not self._apart(edges) > GLANCE.moved:
+            if self._by_image and last is not None and not self._off(edges) > GLANCE.moved:
                 most = self.config.stationary_overlap
                 still = self._similarity(descriptor, last, most) > most
         if not still:
@@ -52,9 +52,9 @@ class Standstill:
         """Return whether the robot surely stands still, by its pose or a near-duplicate test."""
         if not self.needs_image(pose):
             return bool(self._by_pose(pose))
-        return self._apart(edges) < self._most_apart
+        return self._off(edges) < self._most_apart
 
-    def _apart(self, edges: Glance | None) -> float:
+    def _off(self, edges: Glance | None) -> float:
         """Return the distance of a glance from that of the last frame that moved, or NaN."""
         return math.nan if edges is None or self._edges is None else distance(edges, self._edges)
 
