@@ -107,7 +107,7 @@ lint: .venv/test.stamp
 	.venv/bin/bandit --quiet --configfile pyproject.toml --recursive convseq_ros
 
 types: .venv/test.stamp
-	.venv/bin/mypy convseq_ros
+	.venv/bin/mypy
 
 contract: .venv/test.stamp
 	.venv/bin/lint-imports --no-logo

@@ -48,7 +48,8 @@ def open_thin(first: Path, count: int) -> None:
     source = open_map(first)
     cells = [np.flip(packed, 1).copy() for packed in source.packed_of(range(FIRST))]
 
-    def opened(path: Path) -> ReferenceMap:
+    def opened(path: str | Path, *_: Any, **__: Any) -> ReferenceMap:
+        path = Path(path)
         if not path.name.startswith('thin-'):
             return open_map(path)
         rng, places = (

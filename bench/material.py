@@ -171,7 +171,8 @@ def model_map(folder: Path, size: int, frames: int) -> Path:
     encoding = EncodingConfig(descriptor_model=identity_of(model))
     with MapWriter(path, encoding, EVERY_FRAME) as writer:
         for index, vector in enumerate(vectors):
-            writer.add(plain.places[index], *plain.pictures([index]), unit(vector))
+            (picture,) = plain.pictures([index])
+            writer.add(plain.places[index], picture, unit(vector).astype(np.float16))
     _mark_linked(path, size)
     return path
 

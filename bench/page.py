@@ -85,7 +85,7 @@ def summary(measured: Mapping[str, Any]) -> list[list[list[str]]]:
     rows = [row for row in measured['findings'] if not row['kernels']]
     frames = [row for row in rows if row['part'] == 'frames' and row['side'] == 'whole']
     by_side = {(row['what'], row['side']): row['value'] for row in rows}
-    here = (_value(rows, 'peak of a core, int8'), measured['about']['machine']['clock_ghz'])
+    here = (_value(rows, 'peak of a core, int8') or 0.0, measured['about']['machine']['clock_ghz'])
     first = [['frame', 'here, ms', 'by peak, ms', 'by clock, ms', 'pairs', 'GOP', 'at 142 GOP/s']]
     second = [['processor class', 'GOP/s', 'GHz', 'places', 'ms', 'frames/s', 'share of a core']]
     for row in frames:

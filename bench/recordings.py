@@ -51,7 +51,8 @@ def header(stamp_ns: int = START_NS, frame_id: str = 'camera') -> Any:
 def image(gray: np.ndarray, stamp_ns: int = START_NS, **changes: Any) -> Any:
     """Return a mono8 Image message, with any field changed."""
     kind, size = ROS2.types['sensor_msgs/msg/Image'], gray.shape
-    return replace(kind(header(stamp_ns), *size, 'mono8', 0, size[1], gray.ravel()), **changes)
+    plain: Any = kind(header(stamp_ns), *size, 'mono8', 0, size[1], gray.ravel())
+    return replace(plain, **changes)
 
 
 def compressed(

@@ -16,6 +16,7 @@ Each sample is written at once, so that an interrupted drive keeps its samples.
 import argparse
 from collections.abc import Iterator, Sequence
 import csv
+from functools import partial
 from pathlib import Path
 import sys
 import tempfile
@@ -125,8 +126,10 @@ def _grain(height: int, width: int) -> Iterator[npt.NDArray[np.int16]]:
 
 def _lap(count: int, width_px: int) -> list[npt.NDArray[np.uint8]]:
     speed = (_TOWN.length_m - 1) / count * 10
-    size = {'width_px': width_px, 'height_px': width_px * 3 // 4}
-    drive = Drive(num_frames=count, speed_mps=speed, frame_rate_hz=10, **size)
+    drive = Drive(
+        num_frames=count, speed_mps=speed, frame_rate_hz=10, width_px=width_px,
+        height_px=width_px * 3 // 4,
+    )  # fmt: skip
     return [np.asarray(shot.frame.gray) for shot in draw(_TOWN, drive)]
 
 
@@ -159,7 +162,7 @@ def _soak(
             sent += 1
             if chosen.rate:
                 one.spin(max(0.0, begun_s + sent / chosen.rate - time.monotonic()))
-            elif not one.wait_for(lambda sent=sent: one.answers >= sent - _IN_FLIGHT, _PATIENCE_S):
+            elif not one.wait_for(partial(_has_answered, one, sent - _IN_FLIGHT), _PATIENCE_S):
                 break
             if time.monotonic() - sampled_s > chosen.sample_s:
                 sampled_s = time.monotonic()
@@ -168,14 +171,18 @@ def _soak(
         yield _sample(one, sent, time.monotonic() - begun_s)
 
 
+def _has_answered(one: Robot, count: int) -> bool:
+    return one.answers >= count
+
+
 def _sample(one: Robot, sent: int, seconds: float) -> Sample:
     took_ms, one.took_ms = one.took_ms or [0.0], []
     median_ms, worst_ms = round(float(np.median(took_ms)), 1), round(max(took_ms), 1)
     places, memory_mb = one.count('map_size'), round(one.resident_mb(), 1)
     held = places, memory_mb, one.number_of('fd'), one.number_of('task')
-    counts = (one.count(name) for name in ('dropped', 'lost_by_middleware', 'failed'))
+    lost = one.count('dropped'), one.count('lost_by_middleware'), one.count('failed')
     left = unaccounted(one, sent)
-    return Sample(round(seconds, 1), sent, *held, median_ms, worst_ms, *counts, left)
+    return Sample(round(seconds, 1), sent, *held, median_ms, worst_ms, *lost, left)
 
 
 def _picture(samples: Sequence[Sample], title: str, path: Path) -> None:

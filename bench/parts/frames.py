@@ -92,9 +92,8 @@ class Drive:
         self.matches: list[Match] = []
         self.right = self.rough_pairs = 0
         self.kernel = self._recognizer.matcher.kernel
-        self._recognizer.matcher.rough_scores = self._counted(
-            self._recognizer.matcher.rough_scores
-        )
+        matcher = self._recognizer.matcher
+        matcher.rough_scores = self._counted(matcher.rough_scores)  # type: ignore[method-assign]
 
     def _counted(self, scored: Callable[..., Any]) -> Callable[..., Any]:
         def score(query: Any, indices: Any) -> Any:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The time of one image pair with each kernel, and the peak rate of the machine."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 import os
@@ -64,12 +65,14 @@ def measure(work: Work) -> list[Finding]:
         except ConfigError as error:
             findings.append(replace(finding, note=str(error)))
             continue
-        run = partial(matcher.scores_of, [(matcher.extract(query), indices)])
-        error = float(np.abs(run()[0] - exact).max())
+        extracted = matcher.extract(query)
+        assert extracted
+        run = partial(matcher.scores_of, [(extracted, indices)])
+        off = float(np.abs(run()[0] - exact).max())
         took_ms = _pair_ms(run, 1 if work.quick else _ROUNDS)
         low, value, high = (float(one) for one in np.percentile(took_ms, (25, 50, 75)))
-        timed = {'value': value, 'low': low, 'high': high, 'runs': len(took_ms)}
-        findings.append(replace(finding, **timed, note=f'error {error:.0e}'))
+        timed = replace(finding, value=value, low=low, high=high, runs=len(took_ms))
+        findings.append(replace(timed, note=f'error {off:.0e}'))
         if kernel == 'int8' and peak:
             share = len(features.index) * REGIONS * OPERATIONS / value / 1e6 / peak
             finding = replace(finding, value=share, unit='of the peak', least=_LEAST_SHARE)
@@ -77,7 +80,7 @@ def measure(work: Work) -> list[Finding]:
     return findings
 
 
-def _pair_ms(run: partial[object], rounds: int) -> list[float]:
+def _pair_ms(run: Callable[[], object], rounds: int) -> list[float]:
     took_ms = []
     for _ in range(rounds):
         start_ns = time.thread_time_ns()

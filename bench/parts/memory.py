@@ -44,8 +44,10 @@ def _map(work: Work, size: int) -> list[Finding]:
 
     def finding(side: str, value: float, unit: str, most: float, note: str) -> Finding:
         wanted = most if is_wanted else None
-        named = {'what': f'map, R = {size:,}', 'side': side, 'unit': unit, 'note': note}
-        return Finding(value=value, most=wanted, runs=len(warm), **named)
+        what = f'map, R = {size:,}'
+        return Finding(
+            what=what, side=side, value=value, unit=unit, most=wanted, runs=len(warm), note=note
+        )
 
     of = {name: statistics.median(run[name] for run in warm) for name in cold}
     cold_note = f'{cold["open_s"]:.2f} s when it is not in the file cache'
@@ -59,7 +61,8 @@ def _map(work: Work, size: int) -> list[Finding]:
 
 
 def _opened(work: Work, path: Path) -> dict[str, float]:
-    command = [sys.executable, '-m', 'bench.parts.memory', path, queries_path(work.folder)]
+    command: list[str | Path] = [sys.executable, '-m', 'bench.parts.memory']
+    command += [path, queries_path(work.folder)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return json.loads(done.stdout)
 

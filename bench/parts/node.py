@@ -5,6 +5,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 import importlib.util
 import os
 from pathlib import Path
@@ -108,13 +109,13 @@ def _findings(
     if not took_ms:
         raise ConvseqError('the node gave no answer')
     p50, p95, p99 = (float(one) for one in np.percentile(took_ms, (50, 95, 99)))
-    named = {'what': what, 'threads': work.threads, 'runs': sent}
+    finding = partial(Finding, what=what, threads=work.threads, runs=sent)
     return [
-        Finding(side='p95, image to answer', value=p95, low=p50, high=p99, most=most_ms,
-                note=f'p50 {p50:.1f}, p99 {p99:.1f} ms', **named),
-        Finding(side='dropped', value=sent - len(took_ms), unit=f'of {sent}',
-                most=0 if most_ms else None, **named),
-        Finding(side='share of a core', value=percent, unit='%', most=most_percent, **named),
+        finding(side='p95, image to answer', value=p95, low=p50, high=p99, most=most_ms,
+                note=f'p50 {p50:.1f}, p99 {p99:.1f} ms'),
+        finding(side='dropped', value=sent - len(took_ms), unit=f'of {sent}',
+                most=0 if most_ms else None),
+        finding(side='share of a core', value=percent, unit='%', most=most_percent),
     ]  # fmt: skip
 
 
@@ -127,7 +128,7 @@ def _start(work: Work, what: str, path: Path) -> Finding:
             message = _message(work.images[0])
             while not one.took_ms and time.perf_counter() < start_s + _PATIENCE_S:
                 _send(one, message)
-                one.wait_for(lambda one=one: one.took_ms, 1 / _WANTED_HZ)
+                one.wait_for(partial(len, one.took_ms), 1 / _WANTED_HZ)
             found_s.append(time.perf_counter() - start_s)
     low, median, high = (float(one) for one in np.percentile(found_s, (0, 50, 100)))
     return Finding(

@@ -67,9 +67,9 @@ def measure(work: Work) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _pose(x: float, y: float, yaw: float) -> Matrix:
+def _pose(at: Doubles, yaw: float) -> Matrix:
     pose = np.eye(4)
-    pose[:3, :3], pose[:2, 3] = turned_by((0, 0, yaw)), (x, y)
+    pose[:3, :3], pose[:2, 3] = turned_by((0, 0, yaw)), at
     return pose
 
 
@@ -86,14 +86,14 @@ def _true_poses(count: int) -> list[Matrix]:
         corner = goals[heading]
         for _ in range(_BLOCK_STEPS):
             at = at + _STEP_M * ahead[heading]
-            poses.append(_pose(*at, heading * np.pi / 2))
+            poses.append(_pose(at, heading * np.pi / 2))
     return poses[:count]
 
 
 def _drifted(true_poses: list[Matrix]) -> list[Matrix]:
     rng, poses = np.random.default_rng(1), [true_poses[0]]
     for before, after in pairwise(true_poses):
-        noise = _pose(*rng.normal(0, 0.07, 2), rng.normal(0, 0.004))
+        noise = _pose(rng.normal(0, 0.07, 2), rng.normal(0, 0.004))
         poses.append(poses[-1] @ inverse(before) @ after @ noise)
     return poses
 
@@ -106,7 +106,7 @@ def _closures(keyframes: int, count: int) -> dict[int, list[Closure]]:
     for number, pose in enumerate(poses):
         key = (*np.rint(pose[:2, 3]).astype(int).tolist(), *np.rint(pose[:2, 0]).astype(int))
         if number - before.setdefault(key, number) > _BLOCK_STEPS:
-            noise = _pose(*rng.normal(0, 0.15, 2), rng.normal(0, 0.02))
+            noise = _pose(rng.normal(0, 0.15, 2), rng.normal(0, 0.02))
             pairs.append((number, before[key], inverse(poses[before[key]]) @ pose @ noise))
     chosen = [pairs[at] for at in np.linspace(0, len(pairs) - 1, count).astype(int)]
     found = dict[int, list[Closure]]()

@@ -21,7 +21,7 @@ class Try(NamedTuple):
 
     name: str  # that allows to repeat it
     problem: str = ''
-    count: int = 1
+    made: int = 1
 
 
 # Each is a function of a module of this folder, which makes a number of tries with a seed in an
@@ -69,7 +69,7 @@ def carry_out(outcome: Outcome, count: int | None = None) -> None:
             assert process.stdout
             for line in process.stdout:
                 attempt = Try(*json.loads(line.replace(f'{_REPOSITORY}/', '')))
-                outcome.tries += attempt.count
+                outcome.tries += attempt.made
                 if attempt.problem:
                     outcome.problems.append(f'seed {seed}, {attempt.name}: {attempt.problem}')
         if process.returncode:

@@ -8,6 +8,7 @@ from importlib.util import find_spec
 import io
 from pathlib import Path
 import shutil
+import sys
 import tempfile
 import time
 from typing import Any, NoReturn
@@ -47,7 +48,7 @@ def fuzzed(name: str, decoder: Any, count: int, seed: int, folder: Path) -> Try:
     with tempfile.TemporaryDirectory(dir=folder) as made:
         end = ended(lambda: _be_libfuzzer(decoder, count, seed, Path(made)), _MOST_S)
         if not end.problem:
-            return Try(name, count=count)
+            return Try(name, made=count)
         FOUND.mkdir(exist_ok=True)
         kept = FOUND / f'{name.replace(" ", "_")}-{seed}'
         for one in Path(made).glob('crash-*'):
@@ -84,7 +85,7 @@ def _be_libfuzzer(decoder: Any, count: int, seed: int, folder: Path) -> NoReturn
         f'-artifact_prefix={folder}/crash-',
     ]
     atheris.Setup(['fuzz', *options, str(folder / 'samples')], once)
-    atheris.Fuzz()  # which ends this process
+    sys.exit(atheris.Fuzz())  # it ends this process itself
 
 
 def _decode_once(decode: Callable[[bytes, Path], object], data: bytes, work: Path) -> None:

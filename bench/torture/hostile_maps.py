@@ -12,6 +12,7 @@ from pathlib import Path
 import random
 import sqlite3
 import tempfile
+from typing import Any
 
 from convseq_ros.cli import main as convseq
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
@@ -29,7 +30,7 @@ _NUMBERS = 0, -1, 2**31, 10**8, 2**53, 2**62, 2**63 - 1, -(2**63), 1.5, -0.0, 1e
 _SIZES = 0, 1, 255, 256, 257, 10**6  # of a value, in bytes
 _TEXTS = '', 'text', 'x' * 10**6, '[' * 100_000, '{"image_size_px": 1e999}', '{}', '[]', 'null'
 # Values in JSON, in addition to the numbers.
-_IN_JSON = (
+_IN_JSON: tuple[Any, ...] = (
     True, None, 'x', '', [], {}, 10**400, float('nan'), 1e-300, 45, 90, [float('inf')] * 5,
     [0.0] * 100_000, 'equidistant', '#0000', '#ffff', '#0', '#' + 'f' * 10**6, '/dev/zero',
     {'position': [0, 0, 1e308], 'orientation': 4 * [0]},
@@ -59,7 +60,7 @@ def hostile_maps(count: int, seed: int, folder: Path) -> Iterator[Try]:
             attack = _ATTACKS[number % len(_ATTACKS)]
             attack(path, draw)
             command, arguments = draw.choice([*_commands(path, drive).items()])
-            problem = ended(lambda arguments=arguments: convseq(arguments)).problem
+            problem = ended(partial(convseq, arguments)).problem
             yield Try(f'{number}: {command}', problem)
 
 
@@ -155,4 +156,6 @@ def _beside(path: Path, draw: random.Random) -> None:
 
 
 _CHANGES = *8 * [_value], *3 * [_setting], _table_of_another
-_ATTACKS = *(partial(_execute, change) for change in _CHANGES), _holes, *3 * [_beside]
+_ATTACKS: tuple[Callable[[Path, random.Random], None], ...] = (
+    *(partial(_execute, change) for change in _CHANGES), _holes, *3 * [_beside],
+)  # fmt: skip

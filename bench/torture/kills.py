@@ -7,6 +7,7 @@ from pathlib import Path
 import random
 import signal
 import time
+from typing import Any
 
 from convseq_ros.core.map.reader import open_map
 
@@ -39,11 +40,11 @@ def _at_start(folder: Path, draw: random.Random) -> tuple[str, str]:
     which, after_s = draw.choice(_ENDS), draw.uniform(_EARLIEST_S, _LATEST_S)
     again_s = draw.choice((None, draw.uniform(0.0, _AGAIN_S)))
     is_online, is_homeless = draw.random() < 0.5, draw.random() < 0.2
-    online = {'mode': 'online', 'map_path': folder / 'start.db'} if is_online else {}
+    online: dict[str, Any] = {'mode': 'online', 'map_path': folder / 'start.db'}
     homeless = {**dict.fromkeys(_HOMES, ''), 'TMPDIR': str(folder)} if is_homeless else {}
     log = folder / 'vpr_node.log'
     log.unlink(missing_ok=True)
-    with robot(folder, homeless, waits=False, **online) as one:
+    with robot(folder, homeless, waits=False, **(online if is_online else {})) as one:
         time.sleep(after_s)
         one.process.send_signal(which)
         if again_s is not None:
@@ -64,9 +65,11 @@ def _with_frames(
     most_ms, period_s = draw.choice((0, 0, 100, 300, 1000)), draw.choice((0.0, 0.02, _PERIOD_S))
     name = f'{which.name} after {frames} frames, one in {period_s} s, syncs of {most_ms} ms'
     slow = {'LD_PRELOAD': disk.environment(folder)['LD_PRELOAD'], 'DISK_SLOW_MS': str(most_ms)}
-    files = {'map_path': folder / 'map.db', 'result_file': folder / 'result.csv'}
-    chosen = {'mode': 'online', 'diagnostics_period_s': 0.2, 'image_size_px': 256}
-    with robot(folder, slow if most_ms else {}, keyframe_overlap=1.0, **chosen, **files) as one:
+    path = folder / 'map.db'
+    with robot(
+        folder, slow if most_ms else {}, mode='online', map_path=path, image_size_px=256,
+        result_file=folder / 'result.csv', diagnostics_period_s=0.2, keyframe_overlap=1.0,
+    ) as one:  # fmt: skip
         greet(one)
         wanted = one.answers + frames
         for index in range(frames):
@@ -80,7 +83,7 @@ def _with_frames(
         one.process.send_signal(which)
         most_s = _SLOW_S if most_ms else _WITH_FRAMES_S
         problem = _ended(one, most_s, -signal.SIGKILL if is_killed else 0)
-    places = len(open_map(files['map_path']))
+    places = len(open_map(path))
     problem = problem or (f'{places} places of {promised}' if places < promised else '')
     return name, problem, places
 

@@ -162,8 +162,10 @@ def _run(
 ) -> Iterator[Try]:
     """Do an act again and again with a node."""
     draw, tried = random.Random(seed), 0
-    files = {'map_path': folder / 'map.db', 'save_map_path': folder / 'copy.db'}
-    with robot(folder, mode='online', diagnostics_period_s=0.2, **files, **parameters) as one:
+    with robot(
+        folder, mode='online', diagnostics_period_s=0.2, map_path=folder / 'map.db',
+        save_map_path=folder / 'copy.db', **parameters,
+    ) as one:  # fmt: skip
         sender = Sender(one, draw, folder)
         greet(one)
         while tried < count and one.process.poll() is None:
