@@ -48,8 +48,9 @@ def commands() -> str:
         command = import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
         command.describe(parser := argparse.ArgumentParser(allow_abbrev=False))
         for verbs in (one for one in parser._actions if one.nargs == argparse.PARSER):
-            for own in verbs.choices or {}:
-                parts.append(_section(f'{name} {own}', verbs.choices[own].description or ''))
+            parsers: Any = verbs.choices or {}
+            for own in parsers:
+                parts.append(_section(f'{name} {own}', parsers[own].description or ''))
     return '\n'.join(parts)
 
 

@@ -97,7 +97,7 @@ def blocks(page: str) -> list[Block]:
 
 
 @pytest.fixture(scope='session')
-def clone(tmp_path_factory) -> Path:
+def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a clone of what is committed, as a stranger has it."""
     path = tmp_path_factory.mktemp('stranger') / 'convseq_ros'
     subprocess.run(['git', 'clone', '-q', REPOSITORY, path], check=True)
@@ -158,7 +158,7 @@ class Terminals:
 
 
 @pytest.fixture
-def terminals(clone) -> Iterator[Terminals]:
+def terminals(clone: Path) -> Iterator[Terminals]:
     """Return where things run beside each other; all end with the page."""
     beside = Terminals(clone)
     yield beside
@@ -183,7 +183,9 @@ def follow(clone: Path, page: str, terminals: Terminals) -> None:
 
 
 @pytest.mark.parametrize('name', TASKS)
-def test_a_first_time_user_is_done_in_time(name, clone, terminals, record_property):
+def test_a_first_time_user_is_done_in_time(
+    name: str, clone: Path, terminals: Terminals, record_property: Callable[[str, object], None]
+) -> None:
     task = TASKS[name]
     if task.page != FIRST and not (clone / 'street.db').exists():  # this page alone was asked for
         follow(clone, FIRST, terminals)
@@ -198,5 +200,5 @@ def test_a_first_time_user_is_done_in_time(name, clone, terminals, record_proper
 
 
 @pytest.mark.parametrize('page', OTHERS)
-def test_the_commands_of_a_page_run(page, clone, terminals):
+def test_the_commands_of_a_page_run(page: str, clone: Path, terminals: Terminals) -> None:
     follow(clone, page, terminals)

@@ -21,6 +21,7 @@ import math
 
 from convseq_ros import build_map, Config, Frame, PlaceRecognizer
 from convseq_ros.config import make_config
+from convseq_ros.core.types import Candidate
 from convseq_ros.simulation.drive import Road
 from convseq_ros.simulation.street import Spot, Street
 from drives import count, head, options, RIGHT_M, row, shots
@@ -73,7 +74,7 @@ def recognised(mapped: Shown, queries: Shown, back: bool, config: Config) -> Cou
     reference_map = build_map([frame for _, frame in mapped], None, config)
     there, here = ({one.stamp_ns: place for place, one in drive} for drive in (mapped, queries))
 
-    def is_right(frame, match) -> bool:
+    def is_right(frame: Frame, match: Candidate) -> bool:
         (aisle, at_m), (true, true_m) = there[match.reference_stamp_ns], here[frame.stamp_ns]
         return aisle == true and abs(at_m - true_m) <= RIGHT_M and not back
 
@@ -83,7 +84,8 @@ def recognised(mapped: Shown, queries: Shown, back: bool, config: Config) -> Cou
 def main() -> None:
     """Draw, map, recognise, and print a table."""
     chosen = options(__doc__, metres=250, streets=[1, 2], alike=[0.0], threads=0)
-    config, results = make_config({'threads': chosen.threads}), defaultdict(Counter)
+    config = make_config({'threads': chosen.threads})
+    results: dict[tuple[float, str], Counter[str]] = defaultdict(Counter)
     for street in chosen.streets:
         light = 'day' if street % 2 else 'evening'
         aisle = Street(chosen.metres + 2 * MARGIN_M, street)

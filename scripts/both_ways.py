@@ -102,8 +102,8 @@ def main() -> None:
                         turned_deg[key] += turned
     head('driven', 'to the side', 'light', 'directions', 'recalled of places', 'false', 'turned')
     for key, counts in results.items():
-        turned = f'{np.median(turned_deg[key]):.1f}°' if turned_deg[key] else ''
-        row(*key, f'{counts["recalled"]} of {counts["places"]}', counts['false'], turned)
+        off = f'{np.median(turned_deg[key]):.1f}°' if turned_deg[key] else ''
+        row(*key, f'{counts["recalled"]} of {counts["places"]}', counts['false'], off)
 
 
 if __name__ == '__main__':

@@ -8,7 +8,7 @@ from functools import lru_cache
 from convseq_ros.core.types import Frame
 from convseq_ros.simulation.layout import Layout, STRETCH_M
 from convseq_ros.simulation.light import Light
-from convseq_ros.simulation.street import Spot, Street, Stretch
+from convseq_ros.simulation.street import Street, Stretch
 import cv2
 from drives import shots
 import numpy as np
@@ -35,17 +35,8 @@ class Pair:
     heading_deg: float = 0.0
 
 
-@dataclass(frozen=True)
-class Terrace:
+class Terrace(Street):
     """A street whose left side repeats; its right side, cars, trees and signs differ."""
-
-    length_m: float
-    seed: int
-
-    def spot(self, distance_m: float, offset_m: float, yaw_rad: float) -> Spot:
-        """Return the same as `Street.spot`."""
-        here = distance_m, offset_m, yaw_rad
-        return Spot(*here, self, *here)
 
     def stretch(self, index: int, light: Light) -> Stretch:
         """Return a stretch, as `Street.stretch`."""

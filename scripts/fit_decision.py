@@ -69,7 +69,7 @@ def encoded(drive: Drive) -> Encoded:
         keyframes.append((frame, descriptor))
         return decide(frame, descriptor, missing)
 
-    recognizer._decide = keep  # type: ignore[method-assign,assignment]
+    recognizer._decide = keep
     for frame, _ in drive.queries:
         recognizer.process(frame)
     return Encoded(drive, made, keyframes)
@@ -80,7 +80,9 @@ def prepare(makers: list[Make]) -> None:
     PREPARED.extend(encoded(make()) for make in makers)
 
 
-def replay(drive: Drive, made: ReferenceMap, keyframes: list[tuple[Frame, Descriptor]]) -> Counter:
+def replay(
+    drive: Drive, made: ReferenceMap, keyframes: list[tuple[Frame, Descriptor]]
+) -> Counter[str]:
     """Return the score of a drive, and its right and false matches."""
     if drive.config.online.grows:  # the map has grown, so begin with an empty one
         made = build_map([], None, drive.config)
@@ -113,7 +115,7 @@ def probability(recognizer: PlaceRecognizer, off: np.ndarray, drive: Drive) -> f
     return believed.elsewhere if is_elsewhere else None
 
 
-def results(changes: Changes) -> dict[str, Counter]:
+def results(changes: Changes) -> dict[str, Counter[str]]:
     """Return the counts of the drives of this process, with changed constants."""
     before = {name: of(name) for name in changes}
     try:

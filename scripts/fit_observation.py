@@ -43,7 +43,7 @@ def watched(recognizer: PlaceRecognizer) -> list[Observation]:
         observations.append(observe(*arguments))
         return observations[-1]
 
-    observer.observe = keep  # type: ignore[method-assign]
+    observer.observe = keep
     return observations
 
 

@@ -112,7 +112,7 @@ def of_laps(folder: Path, changes: dict[str, Any], what: str) -> Drive:
         queries = [(frame, math.inf) for frame in ImageFolder(folder / 'other')]
     elif what == 'jumps':
         pieces = [queries[at : at + PIECE] for at in range(0, len(queries), PIECE)]
-        np.random.default_rng(0).shuffle(pieces)  # type: ignore[arg-type]
+        np.random.default_rng(0).shuffle(pieces)
         begun_ns = 10**15
         queries = [
             (replace(frame, stamp_ns=begun_ns + number * STEP_NS), at)

@@ -133,7 +133,7 @@ def main() -> None:
     all_but_last = [frame for frame in rapid if number(frame) <= LAST_LAP]
     last = rapid[len(all_but_last) :]
     head('map', 'query', 'right of known', 'recall', 'wrong', 'accepted')
-    for name, mapped, query, *how in (
+    for name, mapped, query, queries, true, how, *known in (
         ('first lap', lap, 'all of the drive', drive, where, config),
         ('first lap', lap, 'what follows', drive[len(lap) :], where, config),
         ('first lap', lap, f'other circuit, {len(other)} frames', other, {}, config),
@@ -143,7 +143,7 @@ def main() -> None:
         ('laps of 9 s, online', [], 'from the second lap on', rapid, rapid_where, online, None),
     ):
         if chosen.only in query:
-            row(name, query, count(mapped, *how))
+            row(name, query, count(mapped, queries, true, how, *known))
 
 
 if __name__ == '__main__':

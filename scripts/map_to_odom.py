@@ -12,6 +12,7 @@ localised, from the first measured pose on.
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import cast
 from unittest.mock import Mock
 
 from convseq_ros import build_map, PlaceRecognizer
@@ -20,6 +21,8 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.pose.estimate import with_map_errors
 from convseq_ros.core.rigid import inverse, matrix
 from convseq_ros.core.types import LocalizationState
+from convseq_ros.node.frame_context import OdometryListener
+from convseq_ros.node.map_to_odom import MapToOdom
 from convseq_ros.node.measured_transform import MeasuredTransform
 from convseq_ros.simulation.odometry import Drift, DriftingOdometer
 from convseq_ros.simulation.street import Street
@@ -38,12 +41,13 @@ def main() -> None:
     """Measure each street, and all together."""
     chosen = options(__doc__, streets=[31, 32, 33], metres=250)
     head(*HEADS)
-    totals: tuple[int, int, list[float], list[float]] = 0, 0, [], []
+    frames, localised, off, alone = 0, 0, list[float](), list[float]()
     for seed in chosen.streets:
         result = driven(seed, chosen.metres)
         show(str(seed), *result)
-        totals = tuple(one + other for one, other in zip(totals, result, strict=True))
-    show('all', *totals)
+        frames, localised = frames + result[0], localised + result[1]
+        off, alone = off + result[2], alone + result[3]
+    show('all', frames, localised, off, alone)
 
 
 def show(name: str, frames: int, localised: int, off: list[float], alone: list[float]) -> None:
@@ -63,9 +67,10 @@ def driven(seed: int, metres: int) -> tuple[int, int, list[float], list[float]]:
         start_ns=START_NS + HOUR_NS, **SIZE,
     )  # fmt: skip
     recognizer, odometer = PlaceRecognizer(mapped), DriftingOdometer(DRIFT)
-    odometry, sent = SimpleNamespace(on_pose=None), list[np.ndarray]()
+    odometry, sent = cast(OdometryListener, SimpleNamespace(on_pose=None)), list[np.ndarray]()
     transform = MeasuredTransform(Mock(), NodeConfig(), odometry)
-    transform._output = SimpleNamespace(publish=lambda *all_: sent.append(all_[2]), stamp_ns=0)
+    output = SimpleNamespace(publish=lambda *all_: sent.append(all_[2]), stamp_ns=0)
+    transform._output = cast(MapToOdom, output)
     localised, off, alone = 0, list[float](), list[float]()
     for _, frame in again:
         true, pose = matrix(frame.pose), odometer.moved_to(frame.pose)

@@ -16,8 +16,8 @@ with which the next run begins; tests that are not in it always run.
 
 import argparse
 import ast
-from collections import Counter
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
 import contextlib
 import gc
 import importlib.util
@@ -32,13 +32,14 @@ import tempfile
 import threading
 import time
 from types import CodeType, FrameType, FunctionType
+from typing import Any
 
 import pytest
 
 TESTS = Path(__file__).resolve().parents[1] / 'test'
 TESTED_BY = 'core', 'cli/test_sessions.py'
 TOO_SLOW = 'test_golden', 'test_large_map', 'test_compiled', 'test_kernels', 'test_coherent'
-OTHER = {
+OTHER: dict[type[ast.AST], Callable[[], Any]] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
     ast.FloorDiv: ast.Mult, ast.Mod: ast.Mult, ast.Pow: ast.Mult, ast.MatMult: ast.Add,
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq,
@@ -47,36 +48,36 @@ OTHER = {
     ast.BitOr: ast.BitAnd,
 }  # fmt: skip
 Functions = set[tuple[str, int]]  # file and first line of each
-Site = tuple[ast.AST, list[ast.FunctionDef]]  # what can be changed, and the functions around it
+Operation = ast.BinOp | ast.AugAssign | ast.BoolOp
+Changeable = Operation | ast.Compare | ast.UnaryOp | ast.If | ast.IfExp | ast.Expr
+Site = tuple[Changeable, list[ast.FunctionDef]]  # what can be changed, and the functions around it
 
 
 def sites(node: ast.AST, around: list[ast.FunctionDef] | None = None) -> Iterator[Site]:
     """Yield what can be changed: operators, conditions and calls whose result is not used."""
     around = around or []
-    is_operator = isinstance(node, ast.BinOp | ast.AugAssign | ast.BoolOp)
     if around and (
-        (is_operator and type(node.op) in OTHER)
+        (isinstance(node, Operation) and type(node.op) in OTHER)
         or (isinstance(node, ast.Compare) and type(node.ops[0]) in OTHER)
         or (isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not))
         or isinstance(node, ast.If | ast.IfExp)
         or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Call))
     ):
         yield node, around
+    inside: Iterable[ast.AST] = ast.iter_child_nodes(node)
     if isinstance(node, ast.FunctionDef):
         inside, around = node.body, [*around, node]
-    else:
-        inside = ast.iter_child_nodes(node)
     for child in inside:
         if child is not getattr(node, 'annotation', None):
             yield from sites(child, around)
 
 
-def changed(node: ast.AST) -> str:
+def changed(node: Changeable) -> str:
     """Change a site in place; return what was changed, as text."""
     before = ast.unparse(node).splitlines()[0]
     if isinstance(node, ast.Compare):
         node.ops[0] = OTHER[type(node.ops[0])]()
-    elif isinstance(node, ast.BinOp | ast.AugAssign | ast.BoolOp):
+    elif isinstance(node, Operation):
         node.op = OTHER[type(node.op)]()
     elif isinstance(node, ast.UnaryOp):
         node.op = ast.UAdd() if isinstance(node.op, ast.USub) else ast.Not()
@@ -130,10 +131,10 @@ class Recorder:
         self._core, self._called = f'{core}/', Functions()
         self._by_fixtures: dict[str, Functions] = {}  # by file
         self._by_tests: dict[str, Functions] = {}
-        self._took_s = Counter[str]()
+        self._took_s = defaultdict[str, float](float)
 
     @property
-    def record(self) -> dict[str, tuple[float, list]]:
+    def record(self) -> dict[str, tuple[float, list[tuple[str, int]]]]:
         """By test: its seconds, and what it and the fixtures of its file call."""
         return {
             test: (round(self._took_s[test], 3), sorted(called | self._by_fixtures[file_of(test)]))
@@ -179,14 +180,16 @@ class Mutants:
     """A plugin of pytest: runs tests once for each mutant, not once."""
 
     def __init__(self, chosen: argparse.Namespace) -> None:
-        (package,) = importlib.util.find_spec('convseq_ros').submodule_search_locations
-        self._core, self._chosen, self._record = Path(package, 'core'), chosen, {}
+        found = importlib.util.find_spec('convseq_ros')
+        assert found and found.submodule_search_locations
+        self._core, self._chosen = Path(found.submodule_search_locations[0], 'core'), chosen
+        self._record: dict[str, Any] = {}
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Make a sample of mutants, and count those that tests catch."""
         path = self._chosen.record
         if not path.exists() and not self._passes(session, session.items, Recorder(self._core)):
-            raise pytest.Exit('a test fails without a fault: mend it first')
+            pytest.exit('a test fails without a fault: mend it first')
         self._record = json.loads(path.read_text())
         caught, count, begun_s = 0, 0, time.monotonic()
         for path, number in self._sample():
@@ -219,13 +222,13 @@ class Mutants:
 
     def _tests(self, name: str, line: int, items: list[pytest.Item]) -> list[pytest.Item]:
         """Return the tests that call a function, the quickest first, and those not recorded."""
-        took_s, of_file = {}, Counter[str]()
+        took_s, of_file = dict[pytest.Item, float](), defaultdict[str, float](float)
         for item in items:
             seconds, called = self._record.get(item.nodeid, (0.0, [[name, line]]))
             if [name, line] in called:
                 took_s[item] = seconds
                 of_file[file_of(item.nodeid)] += seconds
-        tests, sum_s = [], 0.0
+        tests, sum_s = list[pytest.Item](), 0.0
         for item in sorted(  # those of a file together: they share fixtures
             took_s, key=lambda one: (took_s[one] > 1, of_file[file_of(one.nodeid)], took_s[one])
         ):

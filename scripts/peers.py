@@ -16,15 +16,16 @@ first lap; a match within 40 of 840 places is right, and up to 100 is not counte
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
 import tempfile
 import time
 
+from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.cli.options import progress
 from convseq_ros.config import Config, make_config
 from convseq_ros.evaluation.data_set import DataSet, open_data_set, Part, TruthSource
@@ -121,12 +122,12 @@ def laps_material(data: Path, config: Config) -> Iterator[Material]:
         material = open_material(data_set, config.encoding)
         query, reference = places
         off = np.abs((query[:, None] - reference + laps.LAP / 2) % laps.LAP - laps.LAP / 2)
-        yield replace(material, truth=_Laps(off <= laps.RIGHT, 0, ~(off > laps.WRONG)))
+        yield replace(material, truth=_Laps(off <= laps.RIGHT, near=~(off > laps.WRONG)))
 
 
 @dataclass(frozen=True, slots=True)
 class _Laps(Truth):
-    near: npt.NDArray[np.bool_] | None = None  # (Q, R), not clearly wrong
+    near: npt.NDArray[np.bool_] = field(kw_only=True)  # (Q, R), not clearly wrong
 
     @property
     def slip(self) -> npt.NDArray[np.bool_]:
@@ -146,8 +147,9 @@ def runs(material: Material, text: str, config: Config) -> list[Run]:
     if 'rows' not in method.kind.options:
         return [_run(run_protocol(material, method, protocol))]
     pairs, variants = method.rows(material), []
-    decisions = [pairs.detect, None]
+    decisions: list[Callable[..., list[Detection]] | None] = [pairs.detect, None]
     if 'alpha' in method.kind.options:
+        assert pairs.detect
         decisions = [
             partial(pairs.detect, alpha=alpha, consistent=frames)
             for alpha, frames in product(ALPHAS, CONSISTENT)

@@ -16,19 +16,20 @@ Roads are folders of KITTI's odometry with images/, poses.txt and calib.txt. Eac
 against an earlier one, with only earlier images in the map; then all again with darkened images.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import astuple, dataclass, replace
 import math
 from pathlib import Path
 import time
+from typing import Any
 
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.rigid import angle, inverse, matrix
-from convseq_ros.core.similarity.matcher import make_matcher
-from convseq_ros.core.types import Candidate, Descriptor, Frame
+from convseq_ros.core.similarity.matcher import Features, make_matcher, Matcher
+from convseq_ros.core.types import Candidate, Descriptor, Frame, Pose
 from convseq_ros.simulation.street import Street
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.folder import ImageFolder
@@ -37,8 +38,11 @@ import cv2
 from drives import head, options, row, shots
 import numpy as np
 
-QUERIES = {'evening': {'light': 'evening', 'noise': 5}, 'overcast': {'light': 'overcast'},
-           'night': {'light': 'night', 'noise': 10}}  # fmt: skip
+QUERIES: dict[str, dict[str, Any]] = {
+    'evening': {'light': 'evening', 'noise': 5},
+    'overcast': {'light': 'overcast'},
+    'night': {'light': 'night', 'noise': 10},
+}
 SIZE = {'width_px': 640, 'height_px': 480}
 EXPECTED = 12.6  # 95 % quantile of chi squared with six degrees of freedom
 Shown = list[tuple[Frame, Descriptor]]
@@ -60,10 +64,11 @@ class FromOnePlace(RelativePoses):
 
     last = 1 << 30
 
-    def __init__(self, reference_map, matcher):
+    def __init__(self, reference_map: ReferenceMap, matcher: Matcher) -> None:
         super().__init__(reference_map, matcher)
-        moved, self.motion.nearest = self.motion.moved, lambda index, _pose: index
-        self.motion.moved = lambda index, other: (
+        motion, moved = self.motion, self.motion.moved
+        motion.nearest = lambda index, _pose: index  # type: ignore[method-assign,assignment]
+        motion.moved = lambda index, other: (  # type: ignore[method-assign]
             moved(index, other) if max(index, other) <= self.last else None
         )
 
@@ -98,7 +103,7 @@ def print_row(name: str, errors: list[Error | None]) -> None:
 def of_street(seed: int, images_px: int, depth: bool) -> Iterator[tuple[str, Error | None]]:
     """Yield the errors of poses on a drawn street, from three places each."""
     map_shown, queries = drawn(seed, depth)
-    poses_of_map = [frame.pose for frame, _ in map_shown]
+    poses_of_map = [frame.pose for frame, _ in map_shown if frame.pose]
     if depth:
         map_shown = [(replace(frame, pose=None), descriptor) for frame, descriptor in map_shown]
     reference_map = made(map_shown, images_px)
@@ -109,6 +114,7 @@ def of_street(seed: int, images_px: int, depth: bool) -> Iterator[tuple[str, Err
             matcher.extract(descriptor)
         for frame, descriptor in shown:
             features = matcher.extract(descriptor)
+            assert features and frame.pose
             along_m = [pose.position[0] for pose in poses_of_map]
             nearest = int(np.argmin(np.abs(np.array(along_m) - frame.pose.position[0])))
             for name, index, poses in (
@@ -133,19 +139,28 @@ def of_road(folder: Path, images_px: int) -> Iterator[tuple[str, list[Error | No
             errors = []
             for at in range(apart + 3, len(shown)):
                 poses.last = index = at - apart
-                candidate = Candidate(index, 0, 0, matcher.shift(extracted[at], index))
+                features = extracted[at]
+                assert features
+                candidate = Candidate(index, 0, 0, matcher.shift(features, index))
                 place = reference_map.places[index]
-                errors.append(error(poses, extracted[at], queries[at][0], candidate, place.pose))
+                errors.append(error(poses, features, queries[at][0], candidate, place.pose))
             yield f'{name:5}{apart} frames', errors
 
 
-def error(poses, features, frame, candidate, place) -> Error | None:
+def error(
+    poses: RelativePoses,
+    features: Features,
+    frame: Frame,
+    candidate: Candidate,
+    place: Pose | None,
+) -> Error | None:
     """Return the errors of one pose; None if no pose in metres is measured."""
     started = time.process_time()
     pose = poses.measure(features, frame, candidate)
     ms = (time.process_time() - started) * 1e3
     if pose is None or pose.position_m is None:
         return None
+    assert place and frame.pose
     truth = inverse(matrix(place)) @ matrix(frame.pose)
     estimate = matrix(replace(place, position=pose.position_m, orientation=pose.orientation))
     turned = estimate[:3, :3] @ truth[:3, :3].T
@@ -162,7 +177,9 @@ def made(shown: Shown, images_px: int) -> ReferenceMap:
     for frame, descriptor in shown:
         reference_map.add_frame(frame, descriptor, 0, images_px)
     if images_px:
-        sizes = [len(item.image) for item in reference_map.pictures(range(len(shown)), True)]
+        sizes = [
+            len(item.image or b'') for item in reference_map.pictures(range(len(shown)), True)
+        ]
         print(f'{np.mean(sizes) / 1e3:.1f} kB an image', flush=True)
     return reference_map
 
@@ -171,7 +188,7 @@ def drawn(seed: int, depth: bool = False) -> tuple[Shown, dict[str, Shown]]:
     """Return the frames of the map, and of the query drives."""
     street, rng = Street(120.0, seed), np.random.default_rng(seed)
     along = np.arange(0.0, 121.0, 12.0).tolist()
-    queries = {}
+    queries = dict[str, Shown]()
     for name, how in QUERIES.items():
         lanes = tuple(zip(along, rng.uniform(-1.5, 0.5, len(along)).tolist(), strict=True))
         heading_deg, noise_seed = float(rng.uniform(-3, 3)), seed + len(queries) + 1
@@ -188,6 +205,7 @@ def road(folder: Path) -> tuple[Shown, Shown]:
     """Return the frames of a road, and the same frames darkened."""
     source = ImageFolder(folder / 'images')
     frames = list(source)
+    assert frames[0].gray is not None
     pose_at = read_pose_file(folder / 'poses.txt', len(frames))
     camera = read_camera_file(folder / 'calib.txt', *frames[0].gray.shape)
     posed = [
@@ -195,11 +213,13 @@ def road(folder: Path) -> tuple[Shown, Shown]:
         for index, frame in enumerate(frames)
     ]
     rng = np.random.default_rng(1)
-    dark = [replace(frame, gray=darkened(frame.gray, rng)) for frame in posed]
+    dark = [
+        replace(frame, gray=darkened(frame.gray, rng)) for frame in posed if frame.gray is not None
+    ]
     return described(posed), described(dark)
 
 
-def darkened(gray, rng):
+def darkened(gray: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return an image at a quarter of its light, with four lamps, blur and noise."""
     height, width = gray.shape
     rows, columns = np.mgrid[:height, :width]
@@ -211,9 +231,9 @@ def darkened(gray, rng):
     return blurred.clip(0, 255).astype(np.uint8)
 
 
-def described(frames) -> Shown:
+def described(frames: Iterable[Frame]) -> Shown:
     """Return frames with their descriptors."""
-    return [(frame, describe(frame.gray)) for frame in frames]
+    return [(frame, describe(frame.gray)) for frame in frames if frame.gray is not None]
 
 
 if __name__ == '__main__':

@@ -10,7 +10,7 @@ which were never used for fitting, with two halves of the map and with the map o
 from collections.abc import Iterator
 from dataclasses import replace
 
-from convseq_ros.config import make_config
+from convseq_ros.config import Config, make_config
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -25,7 +25,9 @@ LEAST = 50  # frames of a bin, below which its gap does not count
 Answers = Iterator[tuple[float, bool]]  # confidence, and whether right or a slip
 
 
-def answers(frames: list[Frame], mapped: ReferenceMap, right: np.ndarray, config) -> Answers:
+def answers(
+    frames: list[Frame], mapped: ReferenceMap, right: np.ndarray, config: Config
+) -> Answers:
     """Yield confidence and correctness of each keyframe's answer."""
     recognizer = PlaceRecognizer(mapped, config)
     number = {place.stamp_ns: index for index, place in enumerate(mapped.places)}

@@ -10,7 +10,7 @@ camera's position. FOLDER may hold gardens_point (day_left, day_right), where eq
 are the same place.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 import math
 from pathlib import Path
@@ -29,6 +29,7 @@ APART_M = 30.0  # smallest distance of a kidnapping
 ASIDE_M = 2.0
 DRIFT = Drift(scale=0.015, yaw_bias_deg=3.0, noise_m=0.02, yaw_noise_deg=3.0)
 HEADS = 'robot', 'starts', 'right', 'wrong', 'frames', 'metres', 'off m', 'quality'
+Described = Iterable[tuple[Frame, Descriptor]]
 Shown = list[tuple[Frame, Descriptor]]
 
 
@@ -53,9 +54,7 @@ def driven(seed: int, light: str, aside_m: float, noise: float, frames: int) -> 
     return [(frame, describe(frame.gray)) for _, frame in drawn if frame.gray is not None]
 
 
-def with_odometry(
-    shown: Iterable[tuple[Frame, Descriptor]], odometer: DriftingOdometer
-) -> Iterator:
+def with_odometry(shown: Described, odometer: DriftingOdometer) -> Described:
     """Yield frames with poses of drifting odometry instead of true poses."""
     for frame, descriptor in shown:
         yield replace(frame, pose=frame.pose and odometer.moved_to(frame.pose)), descriptor
@@ -66,7 +65,7 @@ def is_localised(now: Localization | None) -> bool:
     return bool(now and now.state is LocalizationState.LOCALISED)
 
 
-def localised(recognizer: PlaceRecognizer, frames: Iterable, true: Sequence[Pose]) -> Outcome:
+def localised(recognizer: PlaceRecognizer, frames: Described, true: Sequence[Pose]) -> Outcome:
     """Feed frames until the robot is localised."""
     metres, before = 0.0, true[0]
     for number, ((frame, descriptor), here) in enumerate(zip(frames, true, strict=False), 1):
@@ -99,7 +98,7 @@ def kidnappings(
     recognizer: PlaceRecognizer, shown: Shown, count: int
 ) -> list[tuple[int | None, Outcome]]:
     """Return per kidnapping the frames until it was noticed, and the outcome of the new start."""
-    rng, results = np.random.default_rng(1), []
+    rng, results = np.random.default_rng(1), list[tuple[int | None, Outcome]]()
     while len(results) < count:
         first, second = rng.integers(0, len(shown) - max(BEFORE, AFTER), 2).tolist()
         there = poses(shown[second : second + AFTER])
@@ -138,6 +137,7 @@ def gardens_point(folder: Path) -> list[Outcome]:
         [
             (Frame((index + 1) * 10**9, frame.gray), describe(frame.gray))
             for index, frame in enumerate(open_source(folder / name))
+            if frame.gray is not None
         ]
         for name in ('day_left', 'day_right')
     )

@@ -65,7 +65,9 @@ def _box(axes: Axes, x: float, y: float, width: float, height: float, color: str
     )
 
 
-def _text(axes: Axes, x: float, y: float, text: str, size: float, color=INK, at='center') -> None:
+def _text(
+    axes: Axes, x: float, y: float, text: str, size: float, color: str = INK, at: str = 'center'
+) -> None:
     axes.text(x, y, text, size=size, color=color, ha=at, va='center', linespacing=1.3)
 
 

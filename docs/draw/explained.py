@@ -18,7 +18,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.similarity.matcher import make_matcher
 from convseq_ros.core.types import Frame
 from convseq_ros.evaluation.plots import new_figure, save
-from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.drive import draw, Drive, Shot
 from convseq_ros.simulation.street import Street
 import cv2
 import numpy as np
@@ -46,16 +46,17 @@ def main(folder: Path) -> None:
     _draw_fields(folder / 'explained_field.png', first, second, config)
 
 
-def _frame(shot) -> Frame:
+def _frame(shot: Shot) -> Frame:
     return Frame(shot.stamp_ns, cv2.cvtColor(shot.image, cv2.COLOR_BGR2GRAY))
 
 
-def _square(frame: Frame):
+def _square(frame: Frame) -> np.ndarray:
     return cv2.resize(frame.gray, (SIDE, SIDE))
 
 
 def _draw_image(path: Path, frame: Frame) -> None:
     """Draw an image, the direction of what is in its cells, and its salient regions."""
+    assert frame.gray is not None
     described = describe(frame.gray)
     cells, count = described.cells, described.cells.shape[0]
     figure = new_figure(12, 4.3)
@@ -91,13 +92,14 @@ def _draw_image(path: Path, frame: Frame) -> None:
     save(figure, path)
 
 
-def _draw_fields(path: Path, first, second, config: Config) -> None:
+def _draw_fields(path: Path, first: list[Frame], second: list[Frame], config: Config) -> None:
     """Draw where regions went: alike at the right place, anywhere at a wrong one."""
     known = build_map(first, None, config)
     matcher = make_matcher(known, config)
-    for frame in second[:SHOWN]:
-        matcher.extract(describe(frame.gray))
-    features = matcher.extract(describe(second[SHOWN].gray))
+    for frame in second[: SHOWN + 1]:
+        assert frame.gray is not None
+        features = matcher.extract(describe(frame.gray))
+    assert features and features.packed
     kernels = kernels_of('convseq_ros.core.geometry')
     verified = matcher.verified(features, [SHOWN, WRONG])
     figure = new_figure(12, 4.5)
@@ -105,6 +107,7 @@ def _draw_fields(path: Path, first, second, config: Config) -> None:
     cell = SIDE / (features.packed.side + 2)
     for each, index, name in zip(axes, (SHOWN, WRONG), ('the right', 'another'), strict=True):
         shift = matcher.shift(features, index)
+        assert shift
         start = round(shift[0]), round(shift[1])
         reference = matcher.packed(index)
         found = kernels.displacements(features.packed, reference, start)
@@ -135,7 +138,7 @@ def _draw_fields(path: Path, first, second, config: Config) -> None:
     save(figure, path)
 
 
-def _draw_sequence(path: Path, first, second, config: Config) -> None:
+def _draw_sequence(path: Path, first: list[Frame], second: list[Frame], config: Config) -> None:
     """Draw pair scores, and the diagonal that a drive makes of them."""
     recognizer = PlaceRecognizer(build_map(first, None, config), config)
     scores = np.full((len(second), len(first)), np.nan)
@@ -163,7 +166,7 @@ def _draw_sequence(path: Path, first, second, config: Config) -> None:
     save(figure, path)
 
 
-def _diagonals(scores, row: int, length: int):
+def _diagonals(scores: np.ndarray, row: int, length: int) -> np.ndarray:
     """Return the mean of scores along each diagonal that ends at a row."""
     found = np.full(scores.shape[1], np.nan)
     for end in range(length - 1, scores.shape[1]):

@@ -115,7 +115,7 @@ def _photo(path: Path) -> Image.Image:
 
 def _reduced(scene: Image.Image) -> Image.Image:
     """Return a smaller picture of few colours: levels of grey, and of green."""
-    small = scene.resize((scene.width // _FINER, scene.height // _FINER), Image.LANCZOS)
+    small = scene.resize((scene.width // _FINER, scene.height // _FINER), Image.Resampling.LANCZOS)
     palette = Image.new('P', (1, 1))
     greys = [(level, level, level) for level in np.linspace(0, 255, _GREY_LEVELS, dtype=int)]
     shades = np.linspace(_PAPER, _GREEN, 16, dtype=int).tolist()

@@ -27,10 +27,10 @@ from std_msgs.msg import Header
 _DEPTH = 1000
 
 
-class Kinds(dict[str, Callable[..., Any]]):
+class Kinds(dict[str, Any]):
     """Message types by name, imported on first use."""
 
-    def __missing__(self, name: str) -> Callable[..., Any]:
+    def __missing__(self, name: str) -> Any:
         package, folder, kind = name.split('/')
         try:
             self[name] = getattr(import_module(f'{package}.{folder}'), kind)
@@ -150,15 +150,17 @@ class Bridge(Node):
         self._send_by_stamp = send
 
     def _begin_descriptor(self) -> None:
+        from convseq_ros.config.reading_config import ReadingConfig
         from convseq_ros.core.encoding.descriptor import describe
         from convseq_ros.core.encoding.regions import global_descriptor
-        from convseq_ros.sources.images import decode_image
+        from convseq_ros.sources.images import gray_and_color, image_pixels
 
         kind = self._kinds['rtabmap_msgs/msg/GlobalDescriptor']
         descriptors = self.create_publisher(kind, 'global_descriptor', 10)
 
         def on_image(message: Image) -> None:
-            vector = np.asarray(global_descriptor(describe(decode_image(message)).cells))
+            gray, _ = gray_and_color(image_pixels(message), ReadingConfig())
+            vector = np.asarray(global_descriptor(describe(gray).cells))
             descriptors.publish(messages.rtabmap_descriptor(self._kinds, message.header, vector))
 
         best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
