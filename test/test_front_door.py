@@ -54,7 +54,8 @@ def test_the_readme_and_the_results_page_have_the_same_recall():
     assert len(rows) == 7
     for _, method, *told, _ in (row.split('|') for row in rows):
         own = methods.get(method, method)
-        others = 'images as they are', '10^5 words of all other sets, direct index'
+        words = '10^5 words of all other sets, direct index'
+        others = words, 'images as they are', 'on an AMD EPYC'
         each = [own, *(f'{own}, {other}' for other in others)]  # the best counts
         expected = [max(measured.get((name, one), 0) for one in each) for name in sets.split()]
         assert [*map(int, told)] == pytest.approx(expected, abs=0.55), method
