@@ -66,7 +66,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
         (OdometryPrior, 'entry_prior'),
         (Belief, 'update'),
     ),
-    'report': ((BeliefDecider, '_answer'), (PlaceRecognizer, '_complete')),
+    'report': ((BeliefDecider, '_answer'), (PlaceRecognizer, '_measured')),
 }
 BY_PEAK = ('pair scores',)  # the stages whose time scales with the integer peak
 REST = 'the rest'
