@@ -37,7 +37,7 @@ SETS = {  # of the columns of the second table
 }  # fmt: skip
 BEST = (  # answers: the row of the first table, the set and the methods
     ('best answer is right, single images', OTHER, ('single', 'cohog')),
-    ('with the drive so far; verified', OTHER, ('convseq-k1+search=exhaustive', 'verified')),
+    ('with the drive; verified', OTHER, ('convseq-k1+search=exhaustive', 'verified')),
     ('sequences', OTHER, ('convseq', 'paper')),
 )
 WORDS = 'orb-bow+vocabulary=WORDS+levels=6+direct=4'  # its sets share keypoints to learn of
