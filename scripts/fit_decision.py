@@ -31,6 +31,7 @@ from convseq_ros.core.decision import (
     observation,
     usual_lead,
 )
+from convseq_ros.core.decision.decider import Answer
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame
 from drives import head, options, progress, row
@@ -65,9 +66,9 @@ def encoded(drive: Drive) -> Encoded:
     recognizer, keyframes = PlaceRecognizer(made, drive.config), list[tuple[Frame, Descriptor]]()
     decide = recognizer._decide
 
-    def keep(frame: Frame, descriptor: Descriptor, missing: int) -> object:
-        keyframes.append((frame, descriptor))
-        return decide(frame, descriptor, missing)
+    def keep(frame: Frame, usable: int, missing: int) -> Answer:
+        keyframes.append((frame, recognizer.buffer.newest.descriptor))
+        return decide(frame, usable, missing)
 
     recognizer._decide = keep
     for frame, _ in drive.queries:
