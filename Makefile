@@ -2,7 +2,7 @@
 # make test               all that CI runs
 # make demo-slam          odometry, loop closures and false ones into a pose graph, live
 # make results [DATA=folder-of-data-sets] [SETS='corridor own.yaml']   measure, write docs/RESULTS.md
-# make claims [DATA=folder]   measure the figures of README again, and compare: 20 minutes
+# make claims [DATA=folder]   measure the figures of README again, and compare: some 20 minutes
 # make bench              measure speed, write docs/PERFORMANCE.md and docs/performance.json
 # make coverage          which lines the tests reach, in htmlcov/
 # make docs              build the documentation into site/; warnings are errors

@@ -8,6 +8,8 @@ from pathlib import Path
 import textwrap
 from typing import Any
 
+from convseq_ros.evaluation.provenance import short
+
 from bench.arm import section
 from bench.finding import cells, COLUMNS, number, Row, table
 from bench.part import PARTS
@@ -157,7 +159,7 @@ def _machine(measured: Mapping[str, Any]) -> str:
     )
     clock = _text(machine['clock_ghz'], ' GHz')
     text = (
-        f'Measured {about["date"][:10]} at {about["commit"][:8]} on {machine["cpu"]}, '
+        f'Measured {about["date"][:10]} at {short(about["commit"])} on {machine["cpu"]}, '
         f'{machine["cores"]} cores, clock {clock}, '
         f'peak of one core {peaks or "not measured"}, {number(machine["memory_gb"])} GB, '
         f'kernels {machine["kernels"]}, load {machine["load"]}; {versions}. Times of frames are '

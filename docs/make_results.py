@@ -14,6 +14,7 @@ from pathlib import Path
 from convseq_ros.cli import main as convseq
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.data_set import DataSet, open_data_set, ready_made
+from convseq_ros.evaluation.provenance import short
 from convseq_ros.evaluation.run_folder import read_run, Run, write_text
 
 BEGIN, END = '<!-- written by make results -->', '<!-- end of what make results writes -->'
@@ -77,7 +78,7 @@ def _tables(results: Path) -> Iterable[str]:
     decided = read_run(results / 'open')
     first = decided[0].summary
     versions = ', '.join(f'{name} {version}' for name, version in first['versions'].items())
-    commit = (first['commit'] or 'an unknown commit')[:8]
+    commit = short(first['commit'])
     yield f'Measured {first["date"][:10]} at {commit} on {first["machine"]["cpu"]}; {versions}.'
     if (results / 'closed').exists():
         yield '### Best answers'

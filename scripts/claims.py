@@ -3,11 +3,11 @@
 """
 Measure the figures of README again, and compare what is told with what is measured.
 
-Usage: make claims [DATA=FOLDER], or python scripts/claims.py [--data FOLDER] [--sets SET...], 20
-minutes on two cores. It reads what README tells. A figure whose data or peer are not there is
-skipped, with the reason; so are times, which depend on the machine, unless a peer's are beside
-them. Exit code 1 if one does not hold; a peer that finds less here, as SIFT does on some
-processors, is told but no failure.
+Usage: make claims [DATA=FOLDER], or python scripts/claims.py [--data FOLDER] [--sets SET...], 11
+minutes on two cores without HBST, which takes 16 minutes of one core. It reads what README tells.
+A figure whose data or peer are not there is skipped, with the reason; so are times, which depend
+on the machine, unless a peer's are beside them. Exit code 1 if one does not hold; a peer that
+finds less here, as SIFT does on some processors, is told but no failure.
 """
 
 import argparse

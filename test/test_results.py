@@ -13,6 +13,7 @@ from convseq_ros.core.types import (
     RelativePose,
 )
 from convseq_ros.errors import SourceError
+from convseq_ros.evaluation.provenance import short
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.io.results import read_results, ResultWriter
 import numpy as np
@@ -135,3 +136,9 @@ def test_a_result_file_is_complete_or_absent_and_replaces_no_other_file(tmp_path
         own.write_text('whole')
     assert (path.read_text(), part.read_text()) == ('whole', 'of the user')
     assert path.stat().st_mode == part.stat().st_mode and len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_page_tells_the_commit_in_short_and_whether_the_tree_was_changed():
+    number = '8cc3058e' + 'a' * 32
+    assert [short(number), short(f'{number}-dirty')] == ['8cc3058e', '8cc3058e-dirty']
+    assert short(None) == 'an unknown commit'

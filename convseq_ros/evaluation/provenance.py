@@ -44,6 +44,14 @@ def _commit() -> str | None:
     return result.stdout.strip() or None
 
 
+def short(commit: str | None) -> str:
+    """Return a commit of `provenance` as pages tell it; a tree that was changed says so."""
+    if commit is None:
+        return 'an unknown commit'
+    number, _, changed = commit.partition('-')
+    return '-'.join(filter(None, (number[:8], changed)))
+
+
 def version_of(*names: str) -> str:
     """Return the version of the first package that is installed; empty if none is."""
     for name in names:

@@ -68,6 +68,25 @@ def test_dropped_keyframes_are_counted_also_soon_after_a_stop(verdicts):
     assert keyframes == [0] * 13 + [1, 2, 0]
 
 
+def test_an_unreadable_frame_is_a_keyframe_only_where_time_and_pose_decide(described):
+    by_scene, by_time = (
+        KeyframeConfig(),
+        KeyframeConfig(keyframe_interval_s=0.3, keyframe_overlap=1),
+    )
+    for keyframes, first in ((by_scene, None), (by_time, 0)):
+        gate = FrameGate(Config(), keyframes, PaperSimilarity())
+        assert gate.check_unreadable(0, at(0)) == first
+        assert gate.check_unreadable(STEP_NS, at(1)) is None  # early
+        assert gate.check_unreadable(3 * STEP_NS, at(3)) == first
+    # One that stands still is none, and the next keyframe knows of no dropped ones.
+    gate = FrameGate(Config(), EVERY_FRAME, PaperSimilarity())
+    for index in range(12):
+        assert gate.check(index * STEP_NS, at(index), lambda: described(0)).reason is None
+    assert gate.check_unreadable(14 * STEP_NS, at(11)) is None
+    assert gate.check_unreadable(15 * STEP_NS, at(15)) == 0
+    assert gate.check_unreadable(18 * STEP_NS, at(18)) == 2  # two never came
+
+
 BLANK = blank_descriptor(EncodingConfig())
 
 
