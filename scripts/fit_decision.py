@@ -67,7 +67,7 @@ def encoded(drive: Drive) -> Encoded:
     decide = recognizer._decide
 
     def keep(frame: Frame, usable: int, missing: int) -> Answer:
-        keyframes.append((frame, recognizer.buffer.newest.descriptor))
+        keyframes.append((frame, recognizer._buffer.newest.descriptor))
         return decide(frame, usable, missing)
 
     recognizer._decide = keep

@@ -62,8 +62,8 @@ def run(chosen: argparse.Namespace) -> int:
     scores = np.full((len(source), len(reference_map)), np.nan, np.float32)
     with opened(folder / 'offline.csv') as write:
         for match, _ in replay(source, cameras, write):
-            if cameras.first.buffer.row is not None:
-                scores[match.query_index] = cameras.first.buffer.row
+            if cameras.first.pair_scores is not None:
+                scores[match.query_index] = cameras.first.pair_scores
     offline = read_results(folder / 'offline.csv')
 
     median_ms = statistics.median(float(row['duration_ms']) for row in offline)

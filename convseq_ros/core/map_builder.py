@@ -35,9 +35,10 @@ class MapBuilder:
     without a path the map is in memory. MapError if a new file exists already, an existing one is
     missing, damaged, made with other settings or in use by another program, or the disk is full.
 
-    Each place is looked up among the earlier ones, as in online mode, for the map's `links`; not
-    without `links`, or without cells. All keyframes are kept unless `max_looks` limits the looks
-    of a place. `describe`, from an image to a vector, is the map's descriptor model, if any.
+    With `links`, each place is matched with the earlier ones, as in online mode, and linked to
+    those that it shows; without, or without cells, nothing is recognised. All keyframes are kept
+    unless `max_looks` limits the looks of a place. `describe`, from an image to a vector, is the
+    map's descriptor model, if any.
     """
 
     def __init__(
@@ -66,9 +67,10 @@ class MapBuilder:
             self.reference_map,
             config,
             describe=describe,
-            mapping=OnlineMap(self.reference_map, config, name, frame),
+            mapping=OnlineMap(
+                self.reference_map, config, name, frame, links and encoding.keeps_cells
+            ),
             order=AnyOrder(),  # all frames are one session, whatever their stamps
-            links=links and encoding.keeps_cells,
         )
 
     @property
@@ -114,7 +116,8 @@ def build_map(
     config : Config
         Decides which frames become places, and how they are encoded.
     links : bool
-        Whether each place is looked up among the earlier ones, and linked to those that it shows.
+        Whether each place is matched with the earlier ones, and linked to those that it shows;
+        without, nothing is recognised, and `link_map` does it later.
     describe : Describe, optional
         Descriptor model of the map, from an image to a vector; none for the built-in one.
 

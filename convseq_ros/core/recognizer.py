@@ -21,9 +21,18 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.estimate import with_pose, with_shift_and_yaw
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces, CoarseScores
-from convseq_ros.core.similarity.matcher import make_matcher, Matcher
+from convseq_ros.core.similarity.matcher import Features, make_matcher, Matcher
 from convseq_ros.core.similarity.overlap import PaperSimilarity
-from convseq_ros.core.types import Anchor, Candidate, Descriptor, Doubles, Frame, Match, Reason
+from convseq_ros.core.types import (
+    Anchor,
+    Candidate,
+    Descriptor,
+    Doubles,
+    Frame,
+    Match,
+    Reason,
+    Row,
+)
 import numpy as np
 
 
@@ -42,13 +51,12 @@ class PlaceRecognizer:
     describe : Describe, optional
         The descriptor model of the map, from an image to a vector; none for the built-in one.
     mapping : PreloadedMap, optional
-        Which places may be matched and how the map grows; by default as `config.online` selects.
+        Which places may be matched, if any, and how the map grows; by default as `config.online`
+        selects.
     leader : PlaceRecognizer, optional
         That of the robot's first camera, which alone adds places; its matches are shared.
     order : StampOrder, optional
         What becomes of frames that come late; by default they are skipped.
-    links : bool, optional
-        Whether frames are looked up in the map; otherwise they are only added to it.
 
     Raises
     ------
@@ -68,7 +76,6 @@ class PlaceRecognizer:
         mapping: PreloadedMap | None = None,
         leader: 'PlaceRecognizer | None' = None,
         order: StampOrder | None = None,
-        links: bool = True,
     ) -> None:
         self.reference_map, self.config, self.resets = reference_map, config, 0
         # Only a query's regions are selected by saliency, so this threshold is not the map's.
@@ -82,7 +89,7 @@ class PlaceRecognizer:
         followed = leader and FollowedMap(reference_map, leader.mapping)
         self.mapping: PreloadedMap = mapping or followed or mapping_of(reference_map, config)
         self.matcher = matcher or make_matcher(reference_map, config)
-        self.buffer = QueryBuffer(self.matcher, reference_map.bounds)
+        self._buffer = QueryBuffer(self.matcher, reference_map.bounds)
         if config.matching.search == 'exhaustive':
             coarse = AllPlaces()
         coarse = coarse or CoarseScores(reference_map, config.matching.both_directions)
@@ -95,7 +102,7 @@ class PlaceRecognizer:
             self.decider.use_matches_of(leader.decider)
         self._poses = RelativePoses(reference_map, self.matcher, config.reading)
         self._accepted_ns: int | None = None  # stamp of the newest accepted match
-        self._order, self._links = order or StampOrder(), links
+        self._order = order or StampOrder()
         self._count, self._blank = -1, blank_descriptor(self._encoding)
         self.localizer = Localizer(reference_map)
         self._last: Match | None = None  # the answer to the newest keyframe
@@ -136,13 +143,13 @@ class PlaceRecognizer:
         # 3. A descriptor model describes the keyframe as well (ours).
         descriptor = self.first_stage.add(frame, verdict.descriptor)
         self.model_ms = self.first_stage.duration_ms
-        if not self._links:
+        if not self.mapping.is_matched:
             self.mapping.add(frame, descriptor)
             return self._as_match(frame, Answer(self.mapping.nothing_usable))
         # 4. III-A: it joins the rolling buffer; dropped ones leave empty slots.
         usable = self.mapping.usable  # places [0, usable) may match
-        self.buffer.add_empty(verdict.missing, self._blank, self._capacity)
-        self.buffer.append(descriptor, usable, self._capacity)
+        self._buffer.add_empty(verdict.missing, self._blank, self._capacity)
+        self._buffer.append(descriptor, usable, self._capacity)
         # 5. III-D to III-G, or the Bayes filter: is the best of the likely places a match?
         answer = self._decide(frame, usable, verdict.missing)
         # 6. An accepted match gets its pose relative to the place (ours).
@@ -150,16 +157,16 @@ class PlaceRecognizer:
         # 7. The map grows (ours); then the camera has its pose in it.
         self.mapping.add(frame, descriptor, match)
         match = with_shift_and_yaw(match, frame, self.reference_map)
-        return with_pose(match, self.buffer.row, self.reference_map.places)
+        return with_pose(match, self._buffer.row, self.reference_map.places)
 
     def _decide(self, frame: Frame, usable: int, missing: int) -> Answer:
         """Return the answer to the newest keyframe; matches are apart in time."""
-        if self.buffer.newest.features is None:
+        if self._buffer.newest.features is None:
             return Answer(Reason.UNINFORMATIVE)
         if not usable:
             return Answer(self.mapping.nothing_usable)
         start = self.mapping.session_start
-        query = Query(frame, self.buffer, usable, start, self.config, missing)
+        query = Query(frame, self._buffer, usable, start, self.config, missing)
         answer = self.decider.decide(query)
         if answer.reason is not Reason.ACCEPTED:
             return answer
@@ -171,8 +178,8 @@ class PlaceRecognizer:
 
     def _measured(self, frame: Frame, answer: Answer) -> Match:
         """Return an answer as a match, with the shift of its best place; if accepted, its pose."""
-        match = self._as_match(frame, answer, self.buffer.pairs_scored)
-        features = self.buffer.newest.features
+        match = self._as_match(frame, answer, self._buffer.pairs_scored)
+        features = self._buffer.newest.features
         if features is None or not match.candidates:
             return match
         best, *others = match.candidates
@@ -205,9 +212,19 @@ class PlaceRecognizer:
             implausible_m=answer.implausible_m,
         )
 
+    @property
+    def pair_scores(self) -> Row | None:
+        """Pair scores of the newest keyframe, (R,), NaN where not scored; None if it has none."""
+        return self._buffer.row
+
+    @property
+    def features(self) -> Features | None:
+        """Features of the newest keyframe for the matcher; None if it is uninformative."""
+        return self._buffer.newest.features if len(self._buffer) else None
+
     def displacements(self, candidate: Candidate | None) -> Doubles:
         """Return the displacement field (n, 5) of the newest frame and a candidate."""
-        features = self.buffer.newest.features if len(self.buffer) else None
+        features = self.features
         if features is None or candidate is None or candidate.shift is None:
             return np.zeros((0, 5))
         return self.matcher.field(features, candidate.reference_index, candidate.shift)
@@ -235,7 +252,7 @@ class PlaceRecognizer:
         if missing is not None:
             self._last = None
             for empty in (missing, 1):
-                self.buffer.add_empty(empty, self._blank, self._capacity)
+                self._buffer.add_empty(empty, self._blank, self._capacity)
 
     @property
     def _capacity(self) -> int:
@@ -249,6 +266,6 @@ class PlaceRecognizer:
     def reset(self) -> None:
         """Forget the frames so far; the map stays, and frames are counted on."""
         self._last = self._accepted_ns = None
-        stages = self._order, self.gate, self.matcher, self.buffer, self.decider, self.localizer
+        stages = self._order, self.gate, self.matcher, self._buffer, self.decider, self.localizer
         for stage in stages:
             stage.reset()

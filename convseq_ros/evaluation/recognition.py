@@ -63,9 +63,8 @@ def verified(recognizer: PlaceRecognizer, match: types.Match) -> types.Match:
 
     Both count alike, in standard deviations over the 10.
     """
-    buffer, places = recognizer.buffer, recognizer.reference_map.places
-    row = buffer.row
-    if match.candidates and row is not None and (features := buffer.newest.features):
+    row, places = recognizer.pair_scores, recognizer.reference_map.places
+    if match.candidates and row is not None and (features := recognizer.features):
         scores = np.nan_to_num(row)
         best = np.argsort(-scores, kind='stable')[:_VERIFIED]
         found = recognizer.matcher.verified(features, best.tolist())
@@ -111,7 +110,7 @@ def recognize(
         match = recognizer.process(frame, descriptor)
         match = after(recognizer, match) if after else match
         durations.append((time.perf_counter() - started) * 1e3)
-        newest = None if match.reason is types.Reason.OUT_OF_ORDER else recognizer.buffer.row
+        newest = None if match.reason is types.Reason.OUT_OF_ORDER else recognizer.pair_scores
         if newest is not None:
             usable = reference_map.places[: len(newest)]
             row[[number[place.stamp_ns] for place in usable]] = newest

@@ -60,11 +60,10 @@ class MatchPublishers:
 
     def publish(self, answered: Answered) -> PoseEstimate | None:
         """Publish the answer to a frame, -1 and 0 for none; return the estimated pose, if any."""
-        frame, match, recognizer = answered.frame, answered.match, answered.recognizer
-        best, accepted, config = match.best, match.accepted, self.config
-        reference_map, send = recognizer.reference_map, self._send
-        places, model_ms = reference_map.places, recognizer.model_ms
-        took_ms, map_frame = answered.duration_ms, config.map_frame
+        frame, match, config, send = answered.frame, answered.match, self.config, self._send
+        best, accepted = match.best, match.accepted
+        reference_map, map_frame = answered.recognizer.reference_map, config.map_frame
+        took_ms, model_ms = answered.duration_ms, answered.model_ms
         answer = partial(answer_message, match, took_ms, reference_map, map_frame, model_ms)
         send('~/answer', answer)
         send('~/match_index', lambda: Int32(data=accepted.reference_index if accepted else -1))
@@ -72,16 +71,16 @@ class MatchPublishers:
         send('~/confidence', lambda: Float32(data=match.confidence or 0.0))
         send('~/latency_ms', lambda: Float32(data=answered.latency_ms))
         send('~/sequence_length', lambda: UInt32(data=match.sequence_length))
-        send('~/candidates', partial(candidates_message, match, places, config.map_frame))
-        estimate = self._publish_accepted(match, accepted, recognizer) if accepted else None
-        self.map_topics.follow(reference_map, config.map_frame)
+        send('~/candidates', partial(candidates_message, match, reference_map.places, map_frame))
+        estimate = self._publish_accepted(answered, accepted) if accepted else None
+        self.map_topics.follow(reference_map, map_frame)
         # Odometry is in the map's frame if its frame id says so, or if this drive made the place.
-        shared = self._odometry_frame() == config.map_frame or (
-            accepted is not None and accepted.reference_index >= recognizer.mapping.session_start
+        shared = self._odometry_frame() == map_frame or (
+            accepted is not None and accepted.reference_index >= answered.session_start
         )
         query = frame.pose if shared else None
-        self._markers.publish(match, reference_map, estimate, query, config.map_frame)
-        send('~/debug_image', partial(_debug_image, frame, match, recognizer))
+        self._markers.publish(match, reference_map, estimate, query, map_frame)
+        send('~/debug_image', partial(_debug_image, frame, match, answered.recognizer))
         return estimate
 
     def _send(self, name: str, make: Callable[[], Any]) -> None:
@@ -89,11 +88,10 @@ class MatchPublishers:
         if publisher.get_subscription_count():
             publisher.publish(make())
 
-    def _publish_accepted(
-        self, match: Match, accepted: Candidate, recognizer: PlaceRecognizer
-    ) -> PoseEstimate | None:
-        config, reference_map = self.config, recognizer.reference_map
-        frame, start = config.base_frame, recognizer.mapping.session_start
+    def _publish_accepted(self, answered: Answered, accepted: Candidate) -> PoseEstimate | None:
+        match, config, recognizer = answered.match, self.config, answered.recognizer
+        reference_map, frame = recognizer.reference_map, config.base_frame
+        start = answered.session_start
         stamp_ns, is_own = match.query_stamp_ns, accepted.reference_index >= start
         # Places of earlier drives in a growing map have stamps of another clock.
         if is_old_enough(stamp_ns, accepted) if is_own else not recognizer.config.online.grows:

@@ -41,7 +41,9 @@ class Answered:
 
     frame: Frame
     match: Match
-    recognizer: PlaceRecognizer  # that made it
+    recognizer: PlaceRecognizer  # that made it; for its map, and what a picture of it shows
+    session_start: int  # places of the map from this index on are of the running drive
+    model_ms: float  # of the work: that of the descriptor model
     duration_ms: float  # of the work
     latency_ms: float  # since the image arrived
 
@@ -151,8 +153,9 @@ class Recognition:
         match = replace(match, query_index=arrival.number)
         self.results.write(match, duration_ms)
         latency_ms = (time.monotonic_ns() - arrival.arrival_ns) / 1e6
-        recognizer = cameras.of(frame.source)
-        self.publish(Answered(frame, match, recognizer, duration_ms, latency_ms))
+        by = cameras.of(frame.source)
+        start, model_ms = by.mapping.session_start, by.model_ms
+        self.publish(Answered(frame, match, by, start, model_ms, duration_ms, latency_ms))
         self.counters.answered(match, arrival.arrival_ns, duration_ms)
 
     def _drop_model(self, error: ModelError) -> None:

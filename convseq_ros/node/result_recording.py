@@ -43,7 +43,8 @@ class ResultRecording:
     ) -> None:
         self._stamp_ns = match.query_stamp_ns
         # Offline no image waits: its latency is the time that it takes.
-        self._publishers.publish(Answered(frame, match, recognizer, duration_ms, duration_ms))
+        start, took_ms = recognizer.mapping.session_start, (recognizer.model_ms, duration_ms)
+        self._publishers.publish(Answered(frame, match, recognizer, start, *took_ms, duration_ms))
 
     def create_publisher(self, kind: type, topic: str, _qos: Any, **_events: Any) -> '_Channel':
         """Return a publisher that writes to the file."""

@@ -145,8 +145,9 @@ def _draw_sequence(path: Path, first: list[Frame], second: list[Frame], config: 
     matches = []
     for number, frame in enumerate(second):
         match = recognizer.process(frame)
-        recognizer.buffer.score(1, np.arange(len(first)))  # also what was not asked for
-        scores[number] = recognizer.buffer.row
+        if recognizer.features:  # of all places, also those that were not asked for
+            request = recognizer.features, np.arange(len(first))
+            (scores[number],) = recognizer.matcher.scores_of([request])
         if match.accepted:
             matches.append((number, match.accepted.reference_index))
     figure = new_figure(12, 4.6)

@@ -81,6 +81,18 @@ def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, dri
     assert all(match.accepted for match in asked[-6:])
 
 
+def test_pair_scores_and_features_are_those_of_the_newest_keyframe(third_places, drive):
+    recognizer = PlaceRecognizer(map_of(third_places, BY_TIME), OWN)
+    assert recognizer.pair_scores is None and recognizer.features is None
+    *_, match = drive(recognizer, range(30, 40))
+    scores = recognizer.pair_scores
+    assert len(scores) == len(third_places)
+    (again,) = recognizer.matcher.scores_of([(recognizer.features, np.arange(len(scores)))])
+    assert np.nanargmax(scores) == again.argmax() == match.best.reference_index
+    known = np.isfinite(scores)
+    assert np.array_equal(scores[known], again[known])
+
+
 def test_after_a_clock_jump_the_first_frame_is_a_described_keyframe(drive):
     grown = ReferenceMap(SMALL, keyframes=BY_DISTANCE)
     config = replace(ONLINE, keyframes=BY_DISTANCE)

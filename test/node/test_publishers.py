@@ -48,7 +48,7 @@ def publish():
         stamp_ns = frame.stamp_ns
         match = Match(7, stamp_ns, reason, candidates, 3, confidence=confidence, pose=pose)
         topics = Topics()
-        answered = Answered(frame, match, recognizer, 4.0, 12.5)
+        answered = Answered(frame, match, recognizer, 1, 0.0, 4.0, 12.5)
         MatchPublishers(topics, NodeConfig(), str).publish(answered)
         return places.sessions[0].id, topics.messages
 

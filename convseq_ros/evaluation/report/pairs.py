@@ -21,7 +21,7 @@ _MOST_REGIONS, _MOST_KEYPOINTS = 150, 100  # that are drawn; more would hide the
 
 def pair_of_frame(frame: Frame, index: int, recognizer: PlaceRecognizer, width_px: int) -> Pair:
     """Return the newest frame, the last that a recogniser got, and a place of its map."""
-    places, features = recognizer.reference_map, recognizer.buffer.newest.features
+    places, features = recognizer.reference_map, recognizer.features
     gray = np.asarray(upright(frame, places.encoding).gray, np.uint8)
     pictures = thumbnail(gray, width_px), picture_of(places, index, width_px)
     found = places.detect(gray, recognizer.config.keyframes.keypoints)
