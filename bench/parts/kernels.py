@@ -14,7 +14,7 @@ from convseq_ros.core.encoding.descriptor import describe, ENTROPY
 from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.similarity.coherent import extract
-from convseq_ros.core.similarity.kernels.numpy_kernels import coherent_score
+from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
 from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.types import Descriptor
 from convseq_ros.errors import ConfigError

@@ -18,7 +18,7 @@ from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.coherent import extract, global_similarity, region_blocks, widened
-from convseq_ros.core.similarity.kernels.numpy_kernels import (
+from convseq_ros.core.similarity.kernels.numpy_coherent import (
     coherent_score,
     less_background,
     normalized,
@@ -284,7 +284,7 @@ def test_noise_without_direction_and_the_strength_of_light_make_no_difference():
 @pytest.mark.skipif(not available(), reason='no compiled kernels')
 @pytest.mark.parametrize('side', [1, 2, 7, 32])
 def test_compiled_normalisation_is_the_definition(side):
-    from convseq_ros.core.similarity.kernels.kernels import normalized as compiled
+    from convseq_ros.core.similarity.kernels.coherent import normalized as compiled
 
     for cells in (1000 * lit(0)[:side, :side], np.zeros((side, side, 8), np.float32)):
         assert compiled(cells) == pytest.approx(normalized(cells), abs=1e-6)

@@ -22,7 +22,7 @@ from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.similarity.kernels import chosen_kernels
-from convseq_ros.core.similarity.kernels.numpy_kernels import pair_scores
+from convseq_ros.core.similarity.kernels.numpy_regional import pair_scores
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Frame
 import cv2

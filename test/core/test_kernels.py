@@ -15,7 +15,7 @@ from convseq_ros.core.map.place import pack_cells, unpack_cells
 from convseq_ros.core.retrieval import whitening
 from convseq_ros.core.similarity.coherent import global_similarity, widened
 from convseq_ros.core.similarity.kernels import chosen_kernels
-from convseq_ros.core.similarity.kernels.numpy_kernels import less_background
+from convseq_ros.core.similarity.kernels.numpy_coherent import less_background
 from convseq_ros.core.types import Descriptor
 import cv2
 from hypothesis import example, given, settings
@@ -110,7 +110,7 @@ def test_compiled_regions_are_those_of_the_definition(side):
 @pytest.mark.parametrize('side', [3, 4, 7, 32])
 def test_compiled_regions_less_their_background_are_those_of_the_definition(side):
     needs_library()
-    from convseq_ros.core.similarity.kernels.kernels import less_background as compiled
+    from convseq_ros.core.similarity.kernels.coherent import less_background as compiled
 
     regions, background = (projected_regions(drawn(seed, side).cells) for seed in (1, 2))
     found, expected = (show(regions, background) for show in (compiled, less_background))
@@ -144,7 +144,7 @@ def test_many_references_are_prepared_as_one_is(kernel, side, normalizes, subtra
 
 def test_compiled_global_similarities_are_those_of_the_definition():
     needs_library()
-    from convseq_ros.core.similarity.kernels.kernels import _similarities as similarities
+    from convseq_ros.core.similarity.kernels.coherent import _similarities as similarities
 
     pair = chosen_kernels(MatchingConfig(kernel='float32'))[0]
     rng = np.random.default_rng(3)

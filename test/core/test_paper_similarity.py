@@ -6,11 +6,8 @@ from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import paper_regions, projected_regions
 from convseq_ros.core.similarity.coherent import extract
-from convseq_ros.core.similarity.kernels.numpy_kernels import (
-    coherent_score,
-    normalized,
-    pair_scores,
-)
+from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, normalized
+from convseq_ros.core.similarity.kernels.numpy_regional import pair_scores
 from convseq_ros.core.similarity.overlap import Overlap, PaperSimilarity
 from convseq_ros.core.types import Descriptor
 import cv2

@@ -4,21 +4,26 @@
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.compiled import available, library
-from convseq_ros.core.similarity.kernels.numpy_kernels import DEFINITIONS
+from convseq_ros.core.similarity.kernels.numpy_coherent import NumpyCoherent
+from convseq_ros.core.similarity.kernels.numpy_regional import NumpyRegional
 from convseq_ros.core.similarity.pair_score import PairScore
 from convseq_ros.errors import ConfigError
+
+_DEFINITIONS = {'coherent': NumpyCoherent('numpy', True), 'regional': NumpyRegional()}
 
 
 def chosen_kernels(matching: MatchingConfig) -> tuple[PairScore, PairScore]:
     """Return the configured kernel, and an exact one; ConfigError if it cannot run here."""
-    definition = DEFINITIONS[matching.matching]
+    definition = _DEFINITIONS[matching.matching]
     wanted = matching.kernel
     if wanted == 'numpy' or (wanted == 'auto' and not available()):
         return definition, definition
     if not available():
         raise ConfigError(f'kernel: no {wanted}: {library().problem}; or choose auto')
-    # Imported here: where the library is missing, this import fails.
-    from convseq_ros.core.similarity.kernels.kernels import compiled_pair
+    # Imported here: where the library is missing, these imports fail.
+    from convseq_ros.core.similarity.kernels.coherent import CompiledCoherent
+    from convseq_ros.core.similarity.kernels.regional import CompiledRegional
 
-    exact = compiled_pair(matching.matching, 'float32')
-    return (exact if wanted == 'float32' else compiled_pair(matching.matching, 'int8')), exact
+    pair = CompiledCoherent if matching.matching == 'coherent' else CompiledRegional
+    exact = pair('float32')
+    return (exact if wanted == 'float32' else pair('int8')), exact

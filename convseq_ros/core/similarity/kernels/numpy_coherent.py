@@ -1,17 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pair scores by NumPy and OpenCV: the definitions, and the fallback without C."""
+"""Coherent pair scores by NumPy and OpenCV: the definition, and the fallback without C."""
 
 from collections.abc import Sequence
 from functools import cache
 
-from convseq_ros.core.encoding.regions import (
-    Cells,
-    paper_regions,
-    projected_regions,
-    Regions,
-    unit,
-)
+from convseq_ros.core.encoding.regions import Cells, projected_regions, Regions, unit
 from convseq_ros.core.similarity.coherent import (
     Blocks,
     COHERENT,
@@ -22,8 +16,8 @@ from convseq_ros.core.similarity.coherent import (
     region_blocks,
     Wide,
 )
-from convseq_ros.core.similarity.pair_score import PairScore, QueryRegions, Scores, spread, SURE
-from convseq_ros.core.types import constants, Descriptor, Doubles, Floats, Indices, Shift
+from convseq_ros.core.similarity.pair_score import QueryRegions
+from convseq_ros.core.types import constants, Doubles, Indices, Shift
 import cv2
 import numpy as np
 
@@ -108,7 +102,9 @@ def _grid(side: int) -> Indices:
     return (rows[:, None] * (2 * side - 1) + rows).ravel()
 
 
-class _NumpyCoherent(CoherentPair):
+class NumpyCoherent(CoherentPair):
+    """The definition as a kernel."""
+
     normalize = staticmethod(normalized)
     project = staticmethod(projected_regions)
     subtract = staticmethod(less_background)
@@ -132,49 +128,3 @@ class _NumpyCoherent(CoherentPair):
         if wide is None or any(of_reference is None for of_reference in blocks):
             return *results, None
         return *results, global_similarity(wide, np.array(blocks, np.float64))
-
-
-def pair_scores(salient: Regions, references: Sequence[Regions]) -> Floats:
-    """
-    Return how similar a query is to each of R references, (R,), in [0, 1]; it is not symmetric.
-
-    The score is the mean, over the salient regions of the query (G, 32), of the similarity to the
-    most similar region anywhere in the reference (N, 32); both are from `paper_regions` (paper
-    III-D).
-    """
-    scores = [min(float((salient @ each.T).max(axis=1).mean()), 1.0) for each in references]
-    return np.array(scores, np.float32)
-
-
-def score_beside(limit: float, salient: Regions, reference: Regions) -> float:
-    """Return `pair_scores` over the first regions (G, 32), as many as decide the limit's side."""
-    best = np.zeros(0)
-    for first in range(0, len(salient), SURE.regions):
-        most = (salient[first : first + SURE.regions] @ reference.T).max(axis=1)
-        best = np.append(best, most)
-        variance = best.var() / len(best) * (1 - len(best) / len(salient))
-        if (best.mean() - limit) ** 2 > SURE.errors**2 * variance:
-            break
-    return min(float(best.mean()), 1.0)
-
-
-class _NumpyRegional(PairScore):
-    name, exact = 'numpy', True
-
-    def extract(self, query: Descriptor, _least_bits: float, _regions: object) -> Regions | None:
-        return paper_regions(query.cells)[query.salient] if query.informative else None
-
-    def prepare(self, cells: Cells, _background: object) -> Regions:
-        return paper_regions(cells)
-
-    def compare(
-        self, query: Regions, references: Sequence[Regions], limit: float | None = None
-    ) -> Scores:
-        if limit is None:
-            return pair_scores(query, references), None
-        salient = spread(query)
-        scores = [score_beside(limit, salient, reference) for reference in references]
-        return np.array(scores, np.float32), None
-
-
-DEFINITIONS = {'coherent': _NumpyCoherent('numpy', True), 'regional': _NumpyRegional()}
