@@ -24,12 +24,18 @@ Shots = list[tuple[float, Frame]]  # distance along the road in metres, and fram
 
 
 def options(description: str | None, **defaults: Any) -> argparse.Namespace:
-    """Parse the command line; a default of None is a path, [] are paths, a list several values."""
+    """
+    Parse the command line, by defaults.
+
+    `Path` is a path that must be given, None one that may be, [] are paths, a list several values.
+    """
     parser = argparse.ArgumentParser(allow_abbrev=False, description=description)
     for name, default in defaults.items():
         flag = f'--{name.replace("_", "-")}'
         if default is False:
             parser.add_argument(flag, action='store_true')
+        elif default is Path:
+            parser.add_argument(flag, type=Path, required=True)
         elif isinstance(default, list):
             kind = type(default[0]) if default else Path
             parser.add_argument(flag, type=kind, nargs='*', default=default)

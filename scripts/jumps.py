@@ -11,6 +11,7 @@ places of where the drive would have gone on. Only keyframes are counted.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 from convseq_ros import build_map, PlaceRecognizer
 from convseq_ros.config import make_config
@@ -25,7 +26,7 @@ STEP = 10**8  # between images, in ns
 
 def main() -> None:
     """Map the first lap, jump through the rest, and print a table."""
-    chosen = options(__doc__, data=None, piece=30, threads=0)
+    chosen = options(__doc__, data=Path, piece=30, threads=0)
     config = make_config({'threads': chosen.threads})
     drive = list(ImageFolder(chosen.data / 'drive'))
     truth = read_truth(chosen.data / 'ground_truth.csv')

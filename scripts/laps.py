@@ -121,7 +121,7 @@ def count(
 
 def main() -> None:
     """Map, recognise, and print a table."""
-    chosen = options(__doc__, data=None, threads=0, only='')
+    chosen = options(__doc__, data=Path, threads=0, only='')
     settings = {'threads': chosen.threads}
     config, online = make_config(settings), make_config({**settings, 'mode': 'online'})
     drive, other = (list(ImageFolder(chosen.data / name)) for name in ('drive', 'other'))
