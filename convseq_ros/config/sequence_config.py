@@ -54,5 +54,5 @@ class SequenceConfig(Checked):
 
     @property
     def window(self) -> int:
-        """Maximum number of frames in a sequence."""
-        return self.fixed_length or self.max_length
+        """How many frames are kept: those of the longest sequence, and the one before any."""
+        return max(2, self.fixed_length or self.max_length)

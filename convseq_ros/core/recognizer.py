@@ -148,8 +148,8 @@ class PlaceRecognizer:
             return self._as_match(frame, Answer(self.mapping.nothing_usable))
         # 4. III-A: it joins the rolling buffer; dropped ones leave empty slots.
         usable = self.mapping.usable  # places [0, usable) may match
-        self._buffer.add_empty(verdict.missing, self._blank, self._capacity)
-        self._buffer.append(descriptor, usable, self._capacity)
+        self._buffer.add_empty(verdict.missing, self._blank, self.config.sequence.window)
+        self._buffer.append(descriptor, usable, self.config.sequence.window)
         # 5. III-D to III-G, or the Bayes filter: is the best of the likely places a match?
         answer = self._decide(frame, usable, verdict.missing)
         # 6. An accepted match gets its pose relative to the place (ours).
@@ -157,7 +157,7 @@ class PlaceRecognizer:
         # 7. The map grows (ours); then the camera has its pose in it.
         self.mapping.add(frame, descriptor, match)
         match = with_shift_and_yaw(match, frame, self.reference_map)
-        return with_pose(match, self._buffer.row, self.reference_map.places)
+        return with_pose(match, self._buffer.newest.row, self.reference_map.places)
 
     def _decide(self, frame: Frame, usable: int, missing: int) -> Answer:
         """Return the answer to the newest keyframe; matches are apart in time."""
@@ -215,7 +215,7 @@ class PlaceRecognizer:
     @property
     def pair_scores(self) -> Row | None:
         """Pair scores of the newest keyframe, (R,), NaN where not scored; None if it has none."""
-        return self._buffer.row
+        return self._buffer.newest.row if len(self._buffer) else None
 
     @property
     def features(self) -> Features | None:
@@ -252,11 +252,7 @@ class PlaceRecognizer:
         if missing is not None:
             self._last = None
             for empty in (missing, 1):
-                self._buffer.add_empty(empty, self._blank, self._capacity)
-
-    @property
-    def _capacity(self) -> int:
-        return max(2, self.config.sequence.window)
+                self._buffer.add_empty(empty, self._blank, self.config.sequence.window)
 
     def configure(self, config: Config) -> None:
         """Use other settings from now on; those of the map stay."""

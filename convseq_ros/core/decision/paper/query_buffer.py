@@ -56,11 +56,6 @@ class QueryBuffer:
         return [frame.descriptor for frame in self.frames]
 
     @property
-    def row(self) -> Row | None:
-        """Pair scores of the newest frame, (R,), NaN where not scored; None if uninformative."""
-        return self.frames[0].row if self.frames else None
-
-    @property
     def rows(self) -> list[Row | None]:
         """The pair scores of all frames, newest first."""
         return [frame.row for frame in self.frames]
