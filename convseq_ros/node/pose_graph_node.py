@@ -235,9 +235,9 @@ class PoseGraphNode(ListeningNode):
         with self._lock:
             values = self._graph.counts
             is_shown = self._path.get_subscription_count() and values['keyframes']
-            way = self._graph.trajectory() if is_shown else []
-        if way:
-            self._path.publish(path_message(_posed(way), self._config.map_frame))
+            corrected = self._graph.trajectory() if is_shown else []
+        if corrected:
+            self._path.publish(path_message(_posed(corrected), self._config.map_frame))
         level, text = self._state(values)
         values |= {'solve_ms': self._solve_ms, 'update_ms': self._update_ms}
         values |= {'odom': self._odometry.topic, 'graph_file': self._config.graph_file}
@@ -270,9 +270,9 @@ class PoseGraphNode(ListeningNode):
         with self._lock:
             if self._file and save_graph(self._graph, self._file, self._map_id):
                 written.append(str(self._file))
-            (poses, edges), way = self._graph.whole(), self._graph.trajectory()
+            (poses, edges), corrected = self._graph.whole(), self._graph.trajectory()
         if config.tum_file and poses:
-            write_tum(Path(config.tum_file), _posed(way))
+            write_tum(Path(config.tum_file), _posed(corrected))
             written.append(config.tum_file)
         if config.g2o_file and poses:
             write_lines(Path(config.g2o_file), g2o(poses, edges))
@@ -280,8 +280,8 @@ class PoseGraphNode(ListeningNode):
         return ', '.join(written) and f'written: {", ".join(written)}'
 
 
-def _posed(way: list[tuple[int, Matrix]]) -> list[tuple[int, Pose]]:
-    return [(stamp_ns, pose_of(at)) for stamp_ns, at in way]
+def _posed(trajectory: list[tuple[int, Matrix]]) -> list[tuple[int, Pose]]:
+    return [(stamp_ns, pose_of(at)) for stamp_ns, at in trajectory]
 
 
 def main(args: list[str] | None = None) -> int:

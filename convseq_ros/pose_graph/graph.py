@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A pose graph that grows while a robot drives: odometry, closures, and the corrected way."""
+"""A pose graph that grows while a robot drives: odometry, closures, corrected poses."""
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence

@@ -190,8 +190,8 @@ class Layout:
         for x, y in self._lamp_places(self._index):
             side = np.sign(y)
             foot = y + side * 1.2
-            ends, seen = ((x, foot + side * 0.15), (x, foot - side * 1.75)), (40.0, 110.0)
-            yield self._panel(*ends, 0.0, 6.1, furniture.paint_lamp, *seen)
+            ends = (x, foot + side * 0.15), (x, foot - side * 1.75)
+            yield self._panel(*ends, 0.0, 6.1, furniture.paint_lamp, 40.0, visible_m=110.0)
 
     def plants(self) -> Iterator[Panel]:
         """Yield trees along the pavement, few or an avenue."""

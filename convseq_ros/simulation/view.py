@@ -161,14 +161,14 @@ class View:
                 (0.0, 0.0, 1.0),
             )
         )
-        seen = cv2.warpPerspective(texture, camera @ plane, (right - left, lower - upper))
+        drawn = cv2.warpPerspective(texture, camera @ plane, (right - left, lower - upper))
         target = self._canvas[upper:lower, left:right]
-        alpha = seen[..., 3]
+        alpha = drawn[..., 3]
         if clear is not None:
             veil = self._clear[upper:lower, left:right]
             np.copyto(veil, clear, where=alpha > 127)
         behind = cv2.cvtColor(cv2.bitwise_not(alpha), cv2.COLOR_GRAY2BGRA)
-        cv2.add(cv2.multiply(target, behind, scale=1 / 255), seen, dst=target)
+        cv2.add(cv2.multiply(target, behind, scale=1 / 255), drawn, dst=target)
 
     def _draw_ground(self) -> None:
         start = math.ceil(self._height / 2 + self._focal * _CAMERA_M / _FAR_M)

@@ -79,7 +79,7 @@ def pose_from_message(pose: Any) -> Pose | None:
 
 
 def _between(first: Pose, second: Pose, share: float) -> Pose:
-    """Return the pose at a share of the way between two; the share may exceed 1."""
+    """Return the pose at a share of the motion between two; the share may exceed 1."""
     position = (1 - share) * np.array(first.position) + share * np.array(second.position)
     start, end = np.array(first.orientation), np.array(second.orientation)
     cosine = float(start @ end)

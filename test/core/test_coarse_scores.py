@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coarse scores: queries and references by their global descriptors, and along the way."""
+"""Coarse scores: queries and references by their global descriptors, and along the drive."""
 
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Place

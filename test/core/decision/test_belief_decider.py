@@ -289,10 +289,10 @@ def test_odometry_that_jumps_resets_or_stops_disturbs_a_few_frames_only(posed, d
     ids=['centimetres', 'an outlier every tenth frame'],
 )
 def test_odometry_in_a_wrong_unit_or_with_outliers_makes_no_match_wrong(posed, drive, x_of):
-    ways = [*range(10, 40)]
-    poses = [at(x_of(index, place)) for index, place in enumerate(ways)]
+    places = [*range(10, 40)]
+    poses = [at(x_of(index, place)) for index, place in enumerate(places)]
     recognizer = PlaceRecognizer(posed, RESTLESS)
-    assert accepted(drive(recognizer, ways, poses=poses))[2:] == ways[2:]
+    assert accepted(drive(recognizer, places, poses=poses))[2:] == places[2:]
     assert recognizer.decider.odometry_jumps > 4
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where odometry allows the robot to be, worked by hand on ways along x."""
+"""Where odometry allows the robot to be, worked by hand on drives along x."""
 
 from convseq_ros.config import RobotConfig
 from convseq_ros.core.decision.odometry_prior import OdometryPrior, SLACK
@@ -68,9 +68,9 @@ def test_a_place_of_the_running_drive_lies_at_its_odometry_pose(a_map):
         prior.move(second * 10**9, at(second - 200))
     for back in range(1, 41):
         prior.move((239 + back) * 10**9, at(39 - back))
-    # At x = -1, the beginning, before any match; the way since then is 79 m.
+    # At x = -1, the beginning, before any match; 79 m were driven since then.
     assert share(prior, 201, 200) == 1
-    # Place 212 was seen 67 m ago, at x = 12: 3 m beyond what a match may be off.
+    # Place 212 was passed 67 m ago, at x = 12: 3 m beyond what a match may be off.
     assert share(prior, 212, 200) == pytest.approx(np.exp(-0.5 * (2 * 3 / 6.7) ** 2))
     assert share(prior, 239, 200) < 1e-6 and prior.implausible_m(239, 200) > 20
     # Of another session nothing is known.
