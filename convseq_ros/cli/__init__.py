@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 import importlib
 import sys
+from typing import Any
 
 from convseq_ros import __version__
 from convseq_ros.cli.streams import discard, OUTPUT
@@ -52,18 +53,8 @@ def main(args: Sequence[str] | None = None) -> int:
     name = 'processes' if chosen.command in NODES else chosen.command.replace('-', '_')
     command = importlib.import_module(f'convseq_ros.cli.{name}')
     hand_over(interrupt)
-    subparser = Parser(
-        prog=f'convseq {chosen.command}', description=COMMANDS[chosen.command].capitalize() + '.'
-    )
     try:
-        if chosen.command in NODES:
-            command.become_node(NODES[chosen.command], chosen.arguments)
-        command.describe(subparser)
-        options = subparser.parse_args(chosen.arguments)
-        refuse_foreign(_words_of(options))
-        code = int(command.run(options))
-        sys.stdout.flush()
-        return code
+        return _run(command, chosen.command, chosen.arguments)
     except ConvseqError as error:
         problem = str(error)
     except BrokenPipeError as error:
@@ -84,6 +75,19 @@ def main(args: Sequence[str] | None = None) -> int:
     with suppress(OSError):
         print(f'convseq {chosen.command}: {problem}', file=sys.stderr)
     return 1
+
+
+def _run(command: Any, name: str, arguments: list[str]) -> int:
+    """Run the module of a sub-command with its arguments; return its exit code."""
+    if name in NODES:
+        command.become_node(NODES[name], arguments)
+    parser = Parser(prog=f'convseq {name}', description=COMMANDS[name].capitalize() + '.')
+    command.describe(parser)
+    options = parser.parse_args(arguments)
+    refuse_foreign(_words_of(options))
+    code = int(command.run(options))
+    sys.stdout.flush()
+    return code
 
 
 def _words_of(options: argparse.Namespace) -> Iterator[str]:

@@ -3,7 +3,7 @@
 """Build a reference map: `convseq build-map RECORDING MAP`."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from itertools import chain
 import json
@@ -39,6 +39,7 @@ from convseq_ros.core.cameras import of_camera
 from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.encoding.view import masked
 from convseq_ros.core.map_builder import MapBuilder
+from convseq_ros.core.types import Frame
 from convseq_ros.errors import ConfigError, printable, SourceError
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.models.onnx_model import open_model
@@ -162,11 +163,9 @@ def build(
     reading = with_first_stage(config, model).reading
     recordings = recordings_in(recording) if each else [recording]
     sessions = _sessions(recordings, session, reading, images)
-    started, report = time.monotonic(), on_warning or warn
-    frames = added = unreadable = with_pose = 0
-    interrupted = False
+    started, report, counts = time.monotonic(), on_warning or warn, _Counts()
     for name, number, source in sessions:
-        is_first, before, why = source is sessions[0][2], frames, ''
+        is_first, before = source is sessions[0][2], counts.frames
         builder = MapBuilder(
             path,
             of_camera(config, number),
@@ -177,37 +176,50 @@ def build(
             max_looks,
             model,
         )
-        try:
-            with builder:
-                for frame in source if on_warning else progress(source, len(source), path.name):
-                    frames += 1
-                    if frame.gray is None:
-                        unreadable += 1
-                        why = f': {frame.problem}'
-                        report(frame.problem)
-                    with_pose += builder.process(frame) and frame.pose is not None
-        except KeyboardInterrupt:
-            interrupted = True
+        frames = source if on_warning else progress(source, len(source), path.name)
+        problem = counts.add(builder, frames, report)
         for warning in source.warnings:
             report(warning)
-        added += builder.added
         if not builder.added:
             images_of = 'images' if is_first else f'images of {source.topic or source.name}'
-            shown = f'{frames - before} {images_of}'
+            shown = f'{counts.frames - before} {images_of}'
+            why = f': {problem}' if problem else ''
             raise SourceError(f'{recording}: none of its {shown} could be used{why}')
-        if interrupted:
+        if counts.interrupted:
             break
-    return Built(
-        str(path),
-        frames,
-        added,
-        len(builder.reference_map) - builder.removed,
-        unreadable,
-        with_pose,
-        time.monotonic() - started,
-        path.stat().st_size,
-        interrupted,
-    )
+    references = len(builder.reference_map) - builder.removed
+    seconds, size = time.monotonic() - started, path.stat().st_size
+    return Built(str(path), references=references, seconds=seconds, bytes=size, **asdict(counts))
+
+
+@dataclass(slots=True)
+class _Counts:
+    """What came of the frames so far; each name is one of `Built`."""
+
+    frames: int = 0
+    added: int = 0
+    unreadable: int = 0
+    with_pose: int = 0
+    interrupted: bool = False
+
+    def add(
+        self, builder: MapBuilder, frames: Iterable[Frame], report: Callable[[str], None]
+    ) -> str:
+        """Build a session of frames, until interrupted; return why the last unreadable one is."""
+        problem = ''
+        try:
+            with builder:
+                for frame in frames:
+                    self.frames += 1
+                    if frame.gray is None:
+                        self.unreadable += 1
+                        problem = frame.problem
+                        report(problem)
+                    self.with_pose += builder.process(frame) and frame.pose is not None
+        except KeyboardInterrupt:
+            self.interrupted = True
+        self.added += builder.added
+        return problem
 
 
 def _sessions(

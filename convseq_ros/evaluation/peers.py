@@ -5,7 +5,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 import time
 from typing import Any
@@ -84,10 +84,8 @@ def peer_scores(
     (query, extract_ms), (reference, _) = material.each(partial(_extracted, extract=extract))
     training = reference
     if vocabulary:
-        folders = vocabulary.split(',')
-        training = [
-            one for folder in folders for one in _in_folder(folder, peer, image_rows, reading)
-        ]
+        each = (_in_folder(one, peer, image_rows, reading) for one in vocabulary.split(','))
+        training = [*chain.from_iterable(each)]
     words = peer.learn([keypoints.descriptors for keypoints in training], levels)
     started = time.perf_counter()
     vectors = np.array([peer.describe(words, keypoints.descriptors) for keypoints in query])
@@ -109,10 +107,9 @@ def peer_scores(
         alpha: float = alpha,
         consistent: int = CONSISTENT,
     ) -> list[Detection]:
-        def inliers_of(frame: int, at: int) -> int:
-            return verify(frame, first + at)
-
-        return detect(rows, previous, inliers_of, alpha, consistent)
+        return detect(
+            rows, previous, lambda frame, at: verify(frame, first + at), alpha, consistent
+        )
 
     started = time.perf_counter()
     rows = np.array([peer.scores(vector, places) for vector in vectors])

@@ -143,13 +143,7 @@ def open_annotated(
         raise SourceError(f'poses of topic {odom} or of file {poses}: give one of them')
     if not (odom or poses or camera_info or depth):
         return source
-    pose_at: PoseAt | None = None
-    if poses:
-        pose_at = read_pose_file(Path(poses), len(source), reading)
-        _refuse_other_times(source, pose_at, Path(poses))
-    elif odom:
-        track = PoseTrack(read_poses(path, odom, reading))
-        pose_at = lambda _index, stamp_ns: track.at(stamp_ns)  # noqa: E731
+    pose_at = _poses(source, path, odom, poses, reading)
     is_folder = path.is_dir() and not holds_recording(path)
     camera_of: CameraOf | None = None
     optical_frame = ''
@@ -170,6 +164,20 @@ def open_annotated(
         messages = TopicMessages(path, depth, DEPTH_TYPES, '--depth', reading)
         depth_at = DepthTopic(messages, reading, source.warnings)
     return AnnotatedFrames(source, pose_at, camera_of, depth_at, str(odom or poses), mount)
+
+
+def _poses(
+    source: Source, path: Path, odom: str, poses: Path | str | None, reading: ReadingConfig
+) -> PoseAt | None:
+    """Return the poses of a source's frames, of a file or of a topic; None without either."""
+    if poses:
+        pose_at = read_pose_file(Path(poses), len(source), reading)
+        _refuse_other_times(source, pose_at, Path(poses))
+        return pose_at
+    if not odom:
+        return None
+    track = PoseTrack(read_poses(path, odom, reading))
+    return lambda _index, stamp_ns: track.at(stamp_ns)
 
 
 def _mount(
