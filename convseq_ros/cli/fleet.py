@@ -24,7 +24,7 @@ from convseq_ros.cli.options import (
 from convseq_ros.cli.replay import add_replay, in_words, replay_chosen
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.first_stage import with_first_stage
-from convseq_ros.core.map.database import MapLock
+from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import replaced
 from convseq_ros.core.similarity.feature_cache import usable_cores

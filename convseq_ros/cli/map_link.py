@@ -16,8 +16,9 @@ from convseq_ros.cli.options import map_progress, progress
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.database import BESIDE, LOCK
+from convseq_ros.core.map.database import BESIDE
 from convseq_ros.core.map.edit import refuse_existing, relinked, write_new
+from convseq_ros.core.map.lock import LOCK
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, SessionSlice, slices_of

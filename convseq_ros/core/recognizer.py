@@ -18,8 +18,9 @@ from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.gate.stamp_order import Order, StampOrder
 from convseq_ros.core.map.online import FollowedMap, mapping_of, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.estimate import with_pose, with_shift_and_yaw
+from convseq_ros.core.pose.estimate import with_pose
 from convseq_ros.core.pose.relative_pose import RelativePoses
+from convseq_ros.core.pose.shift import with_shift_and_yaw
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces, CoarseScores
 from convseq_ros.core.similarity.matcher import Features, make_matcher, Matcher
 from convseq_ros.core.similarity.overlap import PaperSimilarity

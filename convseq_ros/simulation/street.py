@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from convseq_ros.errors import ConvseqError
-from convseq_ros.simulation.layout import Layout, Panel
+from convseq_ros.simulation.layout import Layout
 from convseq_ros.simulation.light import Light
+from convseq_ros.simulation.panel import Panel
 from convseq_ros.simulation.texture import Texture
 
 

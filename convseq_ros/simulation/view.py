@@ -11,8 +11,9 @@ from collections.abc import Iterator
 import math
 
 from convseq_ros.simulation.ground import GROUND_HALF_M, GROUND_RESOLUTION
-from convseq_ros.simulation.layout import Panel, STRETCH_M
+from convseq_ros.simulation.layout import STRETCH_M
 from convseq_ros.simulation.light import Floats, Image, Light
+from convseq_ros.simulation.panel import Panel
 from convseq_ros.simulation.street import Street, Stretch
 from convseq_ros.simulation.texture import cloud
 import cv2

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from convseq_ros.config import EncodingConfig, MatchingConfig
 from convseq_ros.core.compiled import available
-from convseq_ros.core.encoding.descriptor import describe, ENTROPY
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.encoding.regions import (
     global_descriptor,
     joined_regions,

@@ -16,7 +16,8 @@ from convseq_ros.config import (
     with_values,
 )
 from convseq_ros.core.decision.paper.length import choose_length
-from convseq_ros.core.encoding.descriptor import describe, local_entropy
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.entropy import local_entropy
 from convseq_ros.core.encoding.regions import paper_regions
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap

@@ -13,8 +13,8 @@ from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
-from convseq_ros.core.pose.estimate import relative_yaw, shift_px
 from convseq_ros.core.pose.relative_pose import CellView, RelativePoses
+from convseq_ros.core.pose.shift import relative_yaw, shift_px
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import inverse, matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.similarity.matcher import make_matcher, Matcher

@@ -5,8 +5,10 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.core.geometry.alignment import align, Alignment, two_view
-from convseq_ros.core.geometry.structure import is_usable, rays, Sight, Structure, triangulate
+from convseq_ros.core.geometry.alignment import align, Alignment
+from convseq_ros.core.geometry.lens import is_usable, rays
+from convseq_ros.core.geometry.structure import Sight, Structure, triangulate
+from convseq_ros.core.geometry.two_view import two_view
 from convseq_ros.core.geometry.uncertainty import base_pose, ERROR
 from convseq_ros.core.rigid import (
     inverse,

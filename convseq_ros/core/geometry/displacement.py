@@ -7,7 +7,7 @@ from math import isqrt
 
 from convseq_ros.core.compiled import address, kernels_of
 from convseq_ros.core.encoding.regions import REGION, Regions
-from convseq_ros.core.geometry.structure import Points
+from convseq_ros.core.geometry.lens import Points
 from convseq_ros.core.types import constants, Floats
 import numpy as np
 import numpy.typing as npt

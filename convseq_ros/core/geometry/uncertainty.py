@@ -4,7 +4,8 @@
 
 from dataclasses import dataclass, replace
 
-from convseq_ros.core.geometry.alignment import Alignment, TwoView
+from convseq_ros.core.geometry.alignment import Alignment
+from convseq_ros.core.geometry.two_view import TwoView
 from convseq_ros.core.rigid import cross, inverse, Matrix, quaternion, vector
 from convseq_ros.core.types import constants, RelativePose, UNKNOWN_M2, Vector
 import numpy as np

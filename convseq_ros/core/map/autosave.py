@@ -8,8 +8,9 @@ from threading import Event, Lock, Thread
 import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.map.database import is_damage, MapLock
+from convseq_ros.core.map.database import is_damage
 from convseq_ros.core.map.edit import keep_first, prune_looks
+from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.pruning import Pruning
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap

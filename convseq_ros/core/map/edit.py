@@ -8,8 +8,9 @@ from pathlib import Path
 
 from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.crash_recovery import open_to_write
-from convseq_ros.core.map.database import as_map_error, Database, MapLock
+from convseq_ros.core.map.database import as_map_error, Database
 from convseq_ros.core.map.format import row_crc, TABLES
+from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.pruning import Pruning
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap

@@ -20,7 +20,8 @@ from convseq_ros.core.geometry.alignment import (
     Precision,
     start_by_points,
 )
-from convseq_ros.core.geometry.structure import Points, rays_through, Sight, Structure, triangulate
+from convseq_ros.core.geometry.lens import Points, rays_through
+from convseq_ros.core.geometry.structure import Sight, Structure, triangulate
 from convseq_ros.core.map.image_coding import reduced
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.map_motion import MapMotion

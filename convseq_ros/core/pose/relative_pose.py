@@ -14,17 +14,11 @@ from functools import cached_property, lru_cache
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.regions import REGION
-from convseq_ros.core.geometry.alignment import align, Alignment, correct_parallax_loss, two_view
+from convseq_ros.core.geometry.alignment import align, Alignment, correct_parallax_loss
 from convseq_ros.core.geometry.displacement import found_in, PackedRegions
-from convseq_ros.core.geometry.structure import (
-    DEPTH,
-    is_usable,
-    rays,
-    Sight,
-    Structure,
-    triangulate,
-    with_depths,
-)
+from convseq_ros.core.geometry.lens import is_usable, rays
+from convseq_ros.core.geometry.structure import DEPTH, Sight, Structure, triangulate, with_depths
+from convseq_ros.core.geometry.two_view import two_view
 from convseq_ros.core.geometry.uncertainty import base_pose, base_pose_of_two_views, ERROR
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.image_pose import ImagePoses, LensView

@@ -8,7 +8,7 @@ from functools import cache, lru_cache, partial
 from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
-from convseq_ros.core.encoding.descriptor import ENTROPY
+from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.geometry.displacement import packed_regions, PackedRegions

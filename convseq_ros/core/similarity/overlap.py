@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.encoding.descriptor import ENTROPY
+from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.similarity.kernels import chosen_kernels
 from convseq_ros.core.similarity.pair_score import PairScore
 from convseq_ros.core.types import Descriptor
