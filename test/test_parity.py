@@ -18,7 +18,7 @@ from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import with_first_stage
-from convseq_ros.core.encoding.view import masked
+from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap

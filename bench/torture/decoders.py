@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from convseq_ros.cli.options import read_parameter_file
 from convseq_ros.config import Config, EncodingConfig
-from convseq_ros.core.encoding.view import masked
+from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.evaluation.data_set import read_data_set

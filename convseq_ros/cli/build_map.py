@@ -37,7 +37,7 @@ from convseq_ros.config.parameter import add_parameters, given, Parameter, param
 from convseq_ros.config.reading_config import chosen_reading, ReadingConfig
 from convseq_ros.core.cameras import of_camera
 from convseq_ros.core.encoding.first_stage import with_first_stage
-from convseq_ros.core.encoding.view import masked
+from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import ConfigError, printable, SourceError

@@ -27,7 +27,7 @@ from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import replaced
-from convseq_ros.core.similarity.feature_cache import usable_cores
+from convseq_ros.core.similarity.threads import usable_cores
 from convseq_ros.errors import ConvseqError, FleetError, MapError, SourceError
 from convseq_ros.fleet.cluster import Cluster, connected, finished_jobs
 from convseq_ros.fleet.fleet import Fleet

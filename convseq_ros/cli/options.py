@@ -15,7 +15,7 @@ from convseq_ros.config.arguments import local
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import add_parameters, given, parameters, refuse_unknown, Value
 from convseq_ros.config.reading_config import chosen_reading, ReadingConfig
-from convseq_ros.core.encoding.view import masked
+from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.errors import ConfigError, MapError, printable
 from convseq_ros.io.files import read_yaml

@@ -13,7 +13,7 @@ from convseq_ros.core.decision.paper.decider import PaperDecider
 from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import Describe, FirstStage
-from convseq_ros.core.encoding.view import upright
+from convseq_ros.core.encoding.upright import upright
 from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.gate.stamp_order import Order, StampOrder
 from convseq_ros.core.map.online import FollowedMap, mapping_of, PreloadedMap

@@ -13,7 +13,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import Descriptor, Indices, Match, Row, Shift
 from convseq_ros.evaluation.drive import DescribedDrive
-from convseq_ros.evaluation.recognition import overridden, Scores
+from convseq_ros.evaluation.query_answers import overridden, Scores
 import numpy as np
 import numpy.typing as npt
 

@@ -24,7 +24,7 @@ from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.images import described, Images
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.method_name import MethodName
-from convseq_ros.evaluation.recognition import (
+from convseq_ros.evaluation.query_answers import (
     After,
     alone,
     overridden,

@@ -21,7 +21,7 @@ from convseq_ros.evaluation.given_scores import (
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.methods import Method
 from convseq_ros.evaluation.peers import matches_of
-from convseq_ros.evaluation.recognition import (
+from convseq_ros.evaluation.query_answers import (
     part_of,
     QueryAnswers,
     recognize,

@@ -17,7 +17,7 @@ if __name__ == '__main__':
 
 from convseq_ros.config import Config
 from convseq_ros.config.node_config import NodeConfig
-from convseq_ros.core.encoding.view import masked
+from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.io.mask_file import read_mask

@@ -15,7 +15,8 @@ from convseq_ros.core.encoding.descriptor import (
     visible_cells,
 )
 from convseq_ros.core.encoding.entropy import cell_entropies, local_entropy
-from convseq_ros.core.encoding.view import masked, upright
+from convseq_ros.core.encoding.mask import masked
+from convseq_ros.core.encoding.upright import upright
 from convseq_ros.core.types import Camera, Frame
 from convseq_ros.errors import ConfigError, MapError
 from convseq_ros.io.mask_file import read_mask

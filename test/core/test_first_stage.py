@@ -6,7 +6,7 @@ from dataclasses import replace
 import sqlite3
 
 from convseq_ros.config import Config, EVERY_FRAME
-from convseq_ros.core.encoding.view import masked
+from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map.edit import write_new
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.reader import MapReader, open_map

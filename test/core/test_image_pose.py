@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.core.encoding.view import upright
+from convseq_ros.core.encoding.upright import upright
 from convseq_ros.core.map.depth_coding import packed_depths, unpacked_depths
 from convseq_ros.core.map.edit import write_new
 from convseq_ros.core.map.reader import MapReader, open_map

@@ -9,8 +9,8 @@ from convseq_ros.core.compiled import available, Library
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity import kernels
-from convseq_ros.core.similarity.feature_cache import usable_cores
 from convseq_ros.core.similarity.matcher import Matcher
+from convseq_ros.core.similarity.threads import usable_cores
 from convseq_ros.core.types import Descriptor
 from convseq_ros.errors import ConfigError
 import numpy as np

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 from convseq_ros.config import Config, EVERY_FRAME, MatchingConfig, RobotConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.view import upright
+from convseq_ros.core.encoding.upright import upright
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap

@@ -13,7 +13,7 @@ from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.method_name import parse_method
 from convseq_ros.evaluation.methods import KINDS, make_method
-from convseq_ros.evaluation.recognition import overridden
+from convseq_ros.evaluation.query_answers import overridden
 from convseq_ros.evaluation.run_folder import EXTRA_COLUMNS, read_run
 import cv2
 import numpy as np

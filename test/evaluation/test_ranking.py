@@ -15,7 +15,7 @@ from convseq_ros.evaluation.method_name import MethodName, parse_method
 from convseq_ros.evaluation.methods import Kind, make_method, Method
 from convseq_ros.evaluation.peers import peer_scores
 from convseq_ros.evaluation.protocols import OPEN, run_protocol
-from convseq_ros.evaluation.recognition import overridden, recognize
+from convseq_ros.evaluation.query_answers import overridden, recognize
 import numpy as np
 import pytest
 

@@ -11,7 +11,7 @@ from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set, Part, SimulatedDrive
 from convseq_ros.evaluation.images import Images
 from convseq_ros.evaluation.material import open_material
-from convseq_ros.evaluation.recognition import recognize
+from convseq_ros.evaluation.query_answers import recognize
 from convseq_ros.io.files import make_record
 import numpy as np
 import pytest

@@ -8,7 +8,13 @@ from convseq_ros.core.rigid import angle, Matrix
 
 
 class Odometer:
-    """Adds up the steps between successive poses (4, 4) of the base in odometry."""
+    """
+    Adds up the steps between successive poses (4, 4) of the base in odometry.
+
+    The motion has one for each camera: a keyframe without a pose breaks it off, since its mean
+    step is that between keyframes. The odometry prior has one for all cameras of a robot, which
+    goes on across such keyframes, since drift does.
+    """
 
     def __init__(self) -> None:
         self.reset()

@@ -31,7 +31,7 @@ def describe(gray: Gray, config: EncodingConfig = EncodingConfig()) -> Descripto
     Return the descriptor of an upright grey image of any size, which is scaled to a square.
 
     Masked cells have no gradient, and no region with one is salient. ValueError if the image is
-    not (H, W) uint8, or the mask is of a different number of cells (`view.masked`).
+    not (H, W) uint8, or the mask is of a different number of cells (`mask.masked`).
     """
     if gray.ndim != 2 or gray.dtype != np.uint8 or gray.size == 0:
         raise ValueError(f'expected (H, W) uint8, got {gray.shape} {gray.dtype}')

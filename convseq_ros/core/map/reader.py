@@ -15,7 +15,7 @@ import weakref
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.first_stage import vector_length
-from convseq_ros.core.encoding.view import without_path
+from convseq_ros.core.encoding.mask import without_path
 from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.crash_recovery import open_to_read

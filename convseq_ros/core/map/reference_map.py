@@ -12,8 +12,8 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape, visible_cells
 from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.keypoints import BYTES, detect, StoredKeypoints
+from convseq_ros.core.encoding.mask import without_path
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
-from convseq_ros.core.encoding.view import without_path
 from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.depth_coding import Depths, packed_depths, unpacked_depths

@@ -11,8 +11,8 @@ from uuid import uuid4
 
 from convseq_ros import __version__
 from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.encoding.mask import without_path
 from convseq_ros.core.encoding.regions import global_descriptor as built_in
-from convseq_ros.core.encoding.view import without_path
 from convseq_ros.core.graph.links import Row
 from convseq_ros.core.map.crash_recovery import EMPTY, open_to_write
 from convseq_ros.core.map.database import as_map_error, BESIDE, Database

@@ -1,61 +1,20 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The features of references, computed on first use, and scored by several threads."""
+"""The features of references, computed on first use, and their scores."""
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import islice
-import os
-from pathlib import Path
 from typing import Any
 
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.pair_score import PairScore
+from convseq_ros.core.similarity.threads import Threads
 from convseq_ros.core.types import Indices, Row, Shift
 import numpy as np
 
-_AT_ONCE = 8  # references in a batch; measured: fewer cost more calls, more leave threads idle
 _READ_AT_ONCE = 256  # references that are read at once, for 8 MB of cells
-
-
-def usable_cores(cgroup: Path = Path('/sys/fs/cgroup/cpu.max')) -> int:
-    """Return how many cores this process may use, by its affinity and its cgroup's quota."""
-    cores = len(os.sched_getaffinity(0))
-    with suppress(OSError, ValueError):  # the text 'max' is no quota
-        quota, period = map(int, cgroup.read_text(encoding='ascii').split())
-        return max(1, min(cores, quota // period))
-    return cores
-
-
-class Threads:
-    """Splits work between the calling thread and `helpers` more threads."""
-
-    def __init__(self, helpers: int) -> None:
-        self._helpers = helpers
-        self._pool = ThreadPoolExecutor(max(1, helpers), 'pairs')  # threads start in `run`
-
-    def run(self, counts: Sequence[int], job: Callable[[int, slice], None]) -> None:
-        """Call job(index, batch) for batches, slices that cover the items of `counts[index]`."""
-        at_once = _AT_ONCE if self._helpers else max(counts, default=0) or 1
-        batches = [
-            (index, slice(start, min(start + at_once, count)))
-            for index, count in enumerate(counts)
-            for start in range(0, count, at_once)
-        ]
-        waiting = iter(batches)  # shared by all threads
-
-        def work() -> None:
-            for batch in waiting:
-                job(*batch)
-
-        helpers = [self._pool.submit(work) for _ in range(min(self._helpers, len(batches) - 1))]
-        work()
-        for helper in helpers:
-            if not helper.cancel():
-                helper.result()
 
 
 @dataclass(eq=False, slots=True)

@@ -15,8 +15,9 @@ from convseq_ros.core.geometry.displacement import packed_regions, PackedRegions
 from convseq_ros.core.geometry.verification import field, motion, NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
-from convseq_ros.core.similarity.feature_cache import FeatureCache, Threads, usable_cores
+from convseq_ros.core.similarity.feature_cache import FeatureCache
 from convseq_ros.core.similarity.kernels import chosen_kernels
+from convseq_ros.core.similarity.threads import Threads, usable_cores
 from convseq_ros.core.types import Descriptor, Indices, Row, Shift
 from convseq_ros.errors import ConfigError
 import numpy as np

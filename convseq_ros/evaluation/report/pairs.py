@@ -5,7 +5,7 @@
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.encoding.keypoints import agreeing, Keypoints, StoredKeypoints
-from convseq_ros.core.encoding.view import upright
+from convseq_ros.core.encoding.upright import upright
 from convseq_ros.core.map.image_coding import decode_jpeg, thumbnail
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer

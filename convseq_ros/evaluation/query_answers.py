@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the recogniser on a data set, as `convseq replay` does."""
+"""The answers of the recogniser to the query of a data set, as `convseq replay` gives them."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
