@@ -62,7 +62,7 @@ def run(chosen: argparse.Namespace) -> None:
     target = chosen.map.resolve()
     beside = [target.with_name(target.name + end) for end in (LOCK, *BESIDE)]
     if count or any(file.exists() for file in beside):  # which a killed one leaves
-        with closing(Autosave(chosen.map, encoding, keyframes, True)) as kept:
+        with closing(Autosave(chosen.map, encoding, keyframes, append=True)) as kept:
             for _ in _linking(chosen.map, kept.reference_map):
                 kept.save()
     make_outputs(chosen, open_map(chosen.map))

@@ -58,7 +58,7 @@ class MapBuilder:
         encoding, keyframes = config.encoding, config.keyframes
         if path:
             self._autosave: NoAutosave = Autosave(
-                path, encoding, keyframes, append, False, max_looks
+                path, encoding, keyframes, append=append, keeps_empty=False, max_looks=max_looks
             )
         else:
             self._autosave = NoAutosave(ReferenceMap(encoding, keyframes=keyframes))

@@ -3,6 +3,7 @@
 """The pipeline: recognisers with the map file that they use and, in online mode, extend."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from convseq_ros.config import Config, KeyframeConfig
@@ -41,23 +42,8 @@ class Pipeline:
         self.path = path
         self.is_growing = config.online.grows
         self.is_persisted = path is not None and self.is_growing  # places are added to a file
-        self._problem = ''  # why places of the map have more than `max_looks` looks
-        encoding = config.encoding
-        if path and self.is_growing:
-            max_looks = config.online.max_looks
-            settings = path, encoding, config.keyframes, None if make else True, True, max_looks
-            autosave = Autosave(*settings)
-            if autosave.has_surplus:  # after a crash, or made with a higher limit
-                try:
-                    autosave.close()
-                except MapError as error:  # such as a full disk: the map works without the limit
-                    self._problem = f'max_looks is ignored: {error}'
-                autosave = Autosave(*settings)
-            self.autosave: NoAutosave = autosave
-        elif path:
-            self.autosave = NoAutosave(open_map(path, encoding))
-        else:
-            self.autosave = NoAutosave(ReferenceMap(encoding, keyframes=config.keyframes))
+        # The map, and why some of its places have more than `max_looks` looks.
+        self.autosave, self._problem = _opened(path, config, make)
         reference_map = self.autosave.reference_map
         self.flush, self.close = self.autosave.flush, self.autosave.close
         self.take_back = self.autosave.take_back
@@ -123,3 +109,22 @@ class Pipeline:
     def warm_up(self) -> None:
         """Prepare the cameras, so that the first frame is as fast as the others."""
         self.cameras.warm_up()
+
+
+def _opened(path: Path | None, config: Config, make: bool) -> tuple[NoAutosave, str]:
+    """Return the map of a file, or one in memory; and why its limit of looks is ignored, if so."""
+    encoding, keyframes = config.encoding, config.keyframes
+    if not path:
+        return NoAutosave(ReferenceMap(encoding, keyframes=keyframes)), ''
+    if not config.online.grows:
+        return NoAutosave(open_map(path, encoding)), ''
+    append, most = None if make else True, config.online.max_looks
+    grown = partial(Autosave, path, encoding, keyframes, append=append, max_looks=most)
+    autosave, problem = grown(), ''
+    if autosave.has_surplus:  # after a crash, or made with a higher limit
+        try:
+            autosave.close()
+        except MapError as error:  # such as a full disk: the map works without the limit
+            problem = f'max_looks is ignored: {error}'
+        autosave = grown()
+    return autosave, problem

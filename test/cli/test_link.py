@@ -238,7 +238,7 @@ def test_the_next_link_recovers_what_a_killed_one_left(driven, tmp_path, capsys,
     opened = open_map(path)
     grown = tmp_path / 'grown.db'
     shutil.copy(path, grown)
-    with closing(Autosave(grown, opened.encoding, opened.keyframes, True)):
+    with closing(Autosave(grown, opened.encoding, opened.keyframes, append=True)):
         for end in ('', *left):  # what is there when it is killed now, or at its end
             shutil.copy(f'{grown}{end}', f'{killed}{end}')
     assert main(['map', 'link', str(killed), '--json']) == 0

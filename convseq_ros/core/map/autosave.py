@@ -76,6 +76,7 @@ class Autosave(NoAutosave):
         path: Path,
         encoding: EncodingConfig,
         keyframes: KeyframeConfig,
+        *,
         append: bool | None = None,
         keeps_empty: bool = True,
         max_looks: int = 0,
