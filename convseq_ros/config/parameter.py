@@ -10,12 +10,10 @@ import math
 from typing import Any
 
 from convseq_ros.config.arguments import local
+from convseq_ros.config.retired import retired
 from convseq_ros.errors import ConfigError
 
 Value = bool | int | float | str
-
-_RECENT = 'places are matched once the drive is 20 keyframes past them; leave it out'
-RETIRED = {'exclusion_s': _RECENT, 'exclusion_m': _RECENT}  # parameters that were removed
 
 
 def parameter(default: Value, doc: str, **about: Any) -> Any:
@@ -133,8 +131,8 @@ def refuse_unknown(
     """Raise a ConfigError that names the first unknown parameter and the most similar one."""
     allowed = list(allowed)
     for name in names:
-        if name in RETIRED:
-            raise ConfigError(f'parameter {name!r} is gone: {RETIRED[name]}')
+        if gone := retired(name):
+            raise ConfigError(gone)
         if name not in allowed:
             near = difflib.get_close_matches(str(name), allowed, n=1)  # YAML allows 5 as a name
             advice = f'did you mean {near[0]}?' if near else f'known: {", ".join(allowed)}'

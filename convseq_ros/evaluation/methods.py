@@ -16,7 +16,7 @@ from convseq_ros.baselines.vocabulary import LEVELS
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
 from convseq_ros.config.paper import PAPER
-from convseq_ros.config.parameter import Value
+from convseq_ros.config.parameter import refuse_unknown, Value
 from convseq_ros.errors import ConfigError, pip_install
 from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.given_files import read_descriptors, read_scores
@@ -98,12 +98,8 @@ def make_method(name: MethodName, config: Config) -> Method:
         expected = f'{name.kind}:{kind.argument}' if kind.argument else name.kind
         raise ConfigError(f'method {name.label}: expected {expected}')
     core = {item.name: item for item in core_parameters()}
-    for option in name.options:
-        if option not in kind.options and option not in core:
-            raise ConfigError(
-                f'method {name.label}: unknown option {option!r}; known: '
-                f'{", ".join([*kind.options, *core])}'
-            )
+    known = [*kind.options, *core]
+    refuse_unknown(name.options, known, f'method {name.label}: unknown option')
     values = {
         option: core[option].parse(text)
         for option, text in name.options.items()

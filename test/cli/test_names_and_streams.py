@@ -14,6 +14,7 @@ import sys
 from convseq_ros.cli import main
 from convseq_ros.config.arguments import Parser
 from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.config.retired import retired
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.errors import printable
 from convseq_ros.io.regular_file import complete_or_absent
@@ -106,6 +107,23 @@ def test_options_have_no_abbreviations():
         with pytest.raises(SystemExit):
             parser.parse_args(words)
     assert parser.parse_args(['verb', '--output', 'x']).output == 'x'
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['build-map', 'drive', 'map.db', '--exclusion-s', '30'],
+        ['replay', 'drive', '--map', 'map.db', '--exclusion-s=30'],
+        ['fleet', 'build', 'drives', '-o', 'maps', '--exclusion-s', '30'],
+        ['demo', '--exclusion-s', '30'],
+    ],
+)
+def test_an_option_of_a_parameter_that_is_gone_is_refused_in_one_line(words, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    told = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert told == f'convseq {words[0]}: {retired("exclusion_s")}\n'
 
 
 def test_no_program_of_the_repository_has_a_parser_that_takes_abbreviations():

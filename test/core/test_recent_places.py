@@ -5,7 +5,7 @@
 from collections.abc import Sequence
 
 from convseq_ros.config import EncodingConfig, make_config, with_values
-from convseq_ros.config.parameter import RETIRED
+from convseq_ros.config.retired import RETIRED
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.map.online import RECENT
