@@ -7,9 +7,9 @@ from typing import Any
 
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import one_line, SourceError
+from convseq_ros.node.following_subscription import FollowingSubscription
 from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.once import Once
-from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.sources.camera_info import camera_from_info, correction, fitted
 from convseq_ros.sources.mount import as_parameter, mount_of, pose_of_transform
 from rclpy.node import Node

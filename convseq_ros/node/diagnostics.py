@@ -10,7 +10,7 @@ import time
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Match
 from convseq_ros.node.conversions import status_message
-from convseq_ros.node.topics import advertise, steady_timer
+from convseq_ros.node.qos import advertise, steady_timer
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 

@@ -13,9 +13,9 @@ from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import ImageError, one_line
 from convseq_ros.node.camera_description import CameraDescription, Mount
 from convseq_ros.node.conversions import stamp_to_ns
+from convseq_ros.node.following_subscription import FollowingSubscription
 from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.once import Once
-from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.sources.depth import decode_depth, Depth, KEPT, nearest
 from convseq_ros.sources.pose_track import LONGEST_GAP_NS, pose_from_message, PoseTrack
 from convseq_ros.sources.raw_message import IMAGE, RawMessage

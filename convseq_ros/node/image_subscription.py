@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.errors import ConfigError
 from convseq_ros.node.conversions import type_name
+from convseq_ros.node.following_subscription import FollowingSubscription
 from convseq_ros.node.listener import ListeningNode
-from convseq_ros.node.topics import FollowingSubscription, steady_timer
+from convseq_ros.node.qos import steady_timer
 from convseq_ros.sources.raw_message import RawMessage
 from convseq_ros.sources.topic_rank import COMPRESSED
 from sensor_msgs.msg import CompressedImage, Image

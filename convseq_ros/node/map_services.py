@@ -16,8 +16,8 @@ from convseq_ros.core.map.format import is_map_or_empty
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import MapError, one_line, with_traceback
+from convseq_ros.node.qos import SERVICE_QOS
 from convseq_ros.node.recognition import Arrival, Recognition
-from convseq_ros.node.topics import SERVICE_QOS
 from convseq_ros.node.worker import BackgroundWork, fulfil, Worker
 from nav_msgs.srv import LoadMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup

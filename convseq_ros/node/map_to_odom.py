@@ -7,7 +7,7 @@ from typing import Any
 
 from convseq_ros.core.rigid import Matrix, pose_of
 from convseq_ros.node.conversions import stamp_from_ns, stamp_to_ns
-from convseq_ros.node.topics import advertise
+from convseq_ros.node.qos import advertise
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from rclpy.node import Node
 from rclpy.qos import QoSProfile

@@ -20,7 +20,7 @@ from convseq_ros.node.conversions import (
     row_message,
     stamp_from_ns,
 )
-from convseq_ros.node.topics import advertise, LATCHED
+from convseq_ros.node.qos import advertise, LATCHED
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3
 from nav_msgs.msg import Path

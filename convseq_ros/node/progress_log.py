@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import time
 
 from convseq_ros.node.diagnostics import Counters
-from convseq_ros.node.topics import steady_timer
+from convseq_ros.node.qos import steady_timer
 from rclpy.node import Node
 
 _PERIOD_S = 1.0

@@ -22,8 +22,8 @@ from convseq_ros.node.conversions import (
 )
 from convseq_ros.node.map_topics import MapTopics, MatchMarkers
 from convseq_ros.node.match_picture import answer_picture
+from convseq_ros.node.qos import advertise
 from convseq_ros.node.recognition import Answered
-from convseq_ros.node.topics import advertise
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from shlex import quote
 
 from convseq_ros.node.offers import Offer, offers_of, Search
-from convseq_ros.node.topics import steady_timer
+from convseq_ros.node.qos import steady_timer
 from rclpy.node import Node
 
 _PERIOD_S = 1.0  # discovery takes time: what is found twice in a row is used

@@ -32,12 +32,12 @@ from convseq_ros.node.measured_transform import MeasuredTransform
 from convseq_ros.node.parameters import declare
 from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers
+from convseq_ros.node.qos import SERVICE_QOS
 from convseq_ros.node.recognition import Answered, Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.running import run_until_signal
 from convseq_ros.node.stamps import Stamps
 from convseq_ros.node.topic_finder import Change, TopicFinder
-from convseq_ros.node.topics import SERVICE_QOS
 from convseq_ros.node.worker import Worker
 from convseq_ros.sources.raw_message import RawMessage
 from std_srvs.srv import SetBool, Trigger

@@ -9,8 +9,8 @@ from unittest.mock import Mock
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.errors import ConfigError
 from convseq_ros.node import image_subscription
+from convseq_ros.node.following_subscription import FollowingSubscription
 from convseq_ros.node.image_subscription import image_subscriptions
-from convseq_ros.node.topics import FollowingSubscription
 import numpy as np
 import pytest
 from rclpy.duration import Duration

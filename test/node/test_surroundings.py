@@ -12,7 +12,7 @@ from convseq_ros.core.types import Camera
 from convseq_ros.node import frame_context as module
 from convseq_ros.node.camera_description import Mount
 from convseq_ros.node.conversions import stamp_from_ns
-from convseq_ros.node.topics import LATCHED
+from convseq_ros.node.qos import LATCHED
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers, and subscriptions that are reliable if the publisher is."""
+"""A subscription that is reliable if the publisher is."""
 
 from collections.abc import Callable
 from functools import partial
@@ -8,40 +8,13 @@ from threading import RLock
 from typing import Any
 
 from convseq_ros.node.listener import ListeningNode
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.event_handler import (
-    PublisherEventCallbacks,
     QoSMessageLostInfo,
     QoSRequestedIncompatibleQoSInfo,
     QoSSubscriptionMatchedInfo,
     SubscriptionEventCallbacks,
 )
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
-from rclpy.timer import Timer
-
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""A late subscriber receives the last message, too."""
-
-SERVICE_QOS = QoSProfile(depth=1000)
-"""
-Queue of requests, and of answers that are not acknowledged yet, for all callers together. With the
-default of 10, most calls of a fast caller are lost while a frame keeps the processor busy.
-"""
-# By default, each publisher adds two events to the executor's wait set.
-_NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
-_DEPTH = 10
-
-
-def advertise(node: Node, kind: type, topic: str, qos: QoSProfile | int = _DEPTH) -> Any:
-    """Return a publisher without events, which the executor would check at each turn."""
-    return node.create_publisher(kind, topic, qos, event_callbacks=_NO_EVENTS)
-
-
-def steady_timer(node: Node, period_s: float, call: Callable[[], None]) -> Timer:
-    """Return a timer that is independent of the node's clock."""
-    return node.create_timer(period_s, call, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 class FollowingSubscription:
