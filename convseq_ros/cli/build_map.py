@@ -176,6 +176,8 @@ def build(
             max_looks,
             model,
         )
+        if is_first and builder.problem:
+            report(builder.problem)
         frames = source if on_warning else progress(source, len(source), path.name)
         problem = counts.add(builder, frames, report)
         for warning in source.warnings:

@@ -183,6 +183,8 @@ def _replay(chosen: argparse.Namespace) -> int:
             reported.update(fleet.missing)
 
         warn_of_missing()
+        for line in fleet.ignored:
+            warn(line)
         fleet.cameras.warm_up()
         summary = replay_chosen(chosen, fleet.cameras, chosen.maps, warn_of_missing)
     if chosen.json:

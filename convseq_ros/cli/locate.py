@@ -42,6 +42,8 @@ def run(chosen: argparse.Namespace) -> int:
     if config.online.mode != 'preloaded':
         raise ConfigError('mode: locate adds nothing to a map; leave it preloaded')
     pipeline = Pipeline(chosen.map, config, describe=open_model(config))
+    for line in pipeline.ignored:
+        warn(line)
     try:
         recognizer = pipeline.recognizer
         frames = list(_frames(chosen.images, recognizer, chosen.camera_info))

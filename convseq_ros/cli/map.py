@@ -10,7 +10,7 @@ import re
 
 from convseq_ros.cli import map_browse, map_link
 from convseq_ros.cli.info import describe_map, in_short
-from convseq_ros.cli.options import add_max_looks, add_verb, map_progress, progress
+from convseq_ros.cli.options import add_max_looks, add_verb, map_progress
 from convseq_ros.core.map.edit import (
     prune_looks,
     pruned,
@@ -21,7 +21,6 @@ from convseq_ros.core.map.edit import (
 )
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.session_slice import chosen_slice, joined, SessionSlice, slices_of
-from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.errors import MapError, NO_PLACES
 
 _SESSION = 'name, number or id of a session, as `convseq info` shows it'
@@ -104,8 +103,7 @@ def _merge(chosen: argparse.Namespace) -> None:
         raise MapError(f'{chosen.maps[0]}: {NO_PLACES}')
     merged = joined(slices)
     if not chosen.no_links:
-        count = sum(map(len, not_linked(merged)))
-        for _ in progress(link_map(merged), count, 'links', 'places'):
+        for _ in map_link.linking(chosen.output, merged):
             pass
     merged = pruned(chosen.output, merged, chosen.max_looks)
     write_new(merged, chosen.output, map_progress(chosen.output))

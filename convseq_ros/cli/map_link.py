@@ -12,7 +12,7 @@ from pathlib import Path
 import sys
 
 from convseq_ros.cli.map_picture import draw_solved
-from convseq_ros.cli.options import map_progress, progress
+from convseq_ros.cli.options import map_progress, progress, warn
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.autosave import Autosave
@@ -22,7 +22,7 @@ from convseq_ros.core.map.lock import LOCK
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, SessionSlice, slices_of
-from convseq_ros.core.map_builder import link_map, not_linked
+from convseq_ros.core.map_builder import link_map, not_linked, problem_of_linking
 from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import MapError, NO_PLACES, printable
 from convseq_ros.io.regular_file import write_lines
@@ -54,7 +54,7 @@ def run(chosen: argparse.Namespace) -> None:
         refuse_existing(chosen.output)
     if chosen.again:
         with relinked(chosen.map) as opened:
-            for _ in _linking(chosen.map, opened):
+            for _ in linking(chosen.map, opened):
                 pass
         make_outputs(chosen, open_map(chosen.map))
         return
@@ -63,14 +63,16 @@ def run(chosen: argparse.Namespace) -> None:
     beside = [target.with_name(target.name + end) for end in (LOCK, *BESIDE)]
     if count or any(file.exists() for file in beside):  # which a killed one leaves
         with closing(Autosave(chosen.map, encoding, keyframes, append=True)) as kept:
-            for _ in _linking(chosen.map, kept.reference_map):
+            for _ in linking(chosen.map, kept.reference_map):
                 kept.save()
     make_outputs(chosen, open_map(chosen.map))
 
 
-def _linking(path: Path, unlinked: ReferenceMap) -> Iterator[int]:
+def linking(path: Path, unlinked: ReferenceMap) -> Iterator[int]:
     """Link the places of a map that are not linked yet, with progress; yield after each."""
     count = sum(map(len, not_linked(unlinked)))
+    if problem := problem_of_linking(path, unlinked):
+        warn(problem)
     return progress(link_map(unlinked), count, path.name, 'places')
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from convseq_ros.config import Config, EVERY_FRAME, MotionConfig
+from convseq_ros.core.decision.keypoint_witness import has_keypoints, without_keypoints
 from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
@@ -63,13 +64,14 @@ class MapBuilder:
         else:
             self._autosave = NoAutosave(ReferenceMap(encoding, keyframes=keyframes))
         self.reference_map = self._autosave.reference_map
+        is_matched = links and encoding.keeps_cells
+        blind = is_matched and not has_keypoints(self.reference_map)
+        self.problem = without_keypoints(path, not blind, config)  # of the map as it was found
         self._recognizer = PlaceRecognizer(
             self.reference_map,
             config,
             describe=describe,
-            mapping=OnlineMap(
-                self.reference_map, config, name, frame, links and encoding.keeps_cells
-            ),
+            mapping=OnlineMap(self.reference_map, config, name, frame, is_matched),
             order=AnyOrder(),  # all frames are one session, whatever their stamps
         )
 
@@ -147,6 +149,11 @@ def not_linked(unlinked: ReferenceMap) -> list[range]:
         return []
     links, ends = unlinked.links, pairwise([*unlinked.bounds.starts.tolist(), len(unlinked)])
     return [range(*both) for both in ends if not all(map(links.is_looked_up, range(*both)))]
+
+
+def problem_of_linking(name: object, unlinked: ReferenceMap) -> str:
+    """Return a line about a map without keypoints, if `link_map` is to link some; else nothing."""
+    return without_keypoints(name, not not_linked(unlinked) or has_keypoints(unlinked), Config())
 
 
 def link_map(

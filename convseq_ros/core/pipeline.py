@@ -9,14 +9,12 @@ from pathlib import Path
 from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
+from convseq_ros.core.decision.keypoint_witness import has_keypoints, without_keypoints
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
-import numpy as np
-
-_LOOKED_AT = 10  # places of a map, to know whether it has keypoints
 
 
 class Pipeline:
@@ -62,29 +60,17 @@ class Pipeline:
     @property
     def ignored(self) -> list[str]:
         """One line for what is ignored or missing: damaged links, another spacing, keypoints."""
-        wanted, default = self.recognizer.config.keyframes.spacing, KeyframeConfig().spacing
-        used = self.recognizer.reference_map.keyframes.spacing
-        problems = self.recognizer.reference_map.problem, self._problem, self._without_keypoints
+        opened, config = self.recognizer.reference_map, self.recognizer.config
+        wanted, default = config.keyframes.spacing, KeyframeConfig().spacing
+        used = opened.keyframes.spacing
+        blind = without_keypoints(self.path, has_keypoints(opened), config)
+        problems = opened.problem, self._problem, blind
         return [problem for problem in problems if problem] + [
             f'{name} {wanted[name]} is ignored: {self.path} was made with {used[name]}; build the '
             'map again to change it'
             for name in used
             if wanted[name] not in (used[name], default[name])
         ]
-
-    @property
-    def _without_keypoints(self) -> str:
-        """Say that a map has no keypoints although they are to be used; empty if it has some."""
-        kept, config = self.recognizer.reference_map, self.recognizer.config
-        if not (len(kept) and config.believes and config.keyframes.keypoints):
-            return ''
-        some = np.unique(np.linspace(0, len(kept) - 1, _LOOKED_AT).astype(int)).tolist()
-        if any(kept.keypoints(index) is not None for index in some):
-            return ''
-        return (
-            f'{self.path} has no keypoints, so alike aisles may be confused; build the map again '
-            'to add them'
-        )
 
     @property
     def added(self) -> int:

@@ -15,6 +15,7 @@ from typing import Any
 from convseq_ros.config import Config
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
+from convseq_ros.core.decision.keypoint_witness import without_keypoints
 from convseq_ros.core.encoding.first_stage import Describe, vector_length, with_first_stage
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.format import MapSession
@@ -119,6 +120,13 @@ class Fleet:
         self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
 
     @property
+    def ignored(self) -> list[str]:
+        """A line for each map without keypoints, if they are to be used."""
+        config = self.cameras.first.config
+        lines = (without_keypoints(path, has, config) for path, has in self._has_keypoints.items())
+        return [line for line in lines if line]
+
+    @property
     def missing(self) -> list[str]:
         """A line for each map that does not answer, with the reason."""
         return [*self._missing.values()]
@@ -158,6 +166,7 @@ class Fleet:
         sums = np.asarray(sum(about.sums for about in abouts.values()))
         self.statistics = statistics_of(sums, self.count)
         self.reference_map = self._joined(abouts)
+        self._has_keypoints = {path: about.has_keypoints for path, about in abouts.items()}
 
     def _joined(self, abouts: Mapping[str, About]) -> ReferenceMap:
         """Return one map of all shards; cells and images are read from the workers."""

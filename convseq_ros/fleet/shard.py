@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.decision.keypoint_witness import has_keypoints
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
@@ -27,6 +28,7 @@ class About:
     columns: Mapping[str, Any]  # of its places, as in `Places`
     links: Sequence[tuple[int, int]]  # places and their anchors
     sums: Doubles  # of its global descriptors, (2, n)
+    has_keypoints: bool
 
 
 class Shard:
@@ -40,7 +42,8 @@ class Shard:
         opened = self._map
         settings = opened.encoding, opened.keyframes, tuple(opened.sessions), len(opened)
         sums = sums_of(opened.global_descriptors)
-        return About(*settings, opened.places.columns, tuple(opened.links), sums)
+        content = opened.places.columns, tuple(opened.links), sums, has_keypoints(opened)
+        return About(*settings, *content)
 
     def row(self, direction: Floats, statistics: Statistics) -> Row:
         """Return the coarse scores of all places with a query's direction in descriptor space."""

@@ -10,6 +10,7 @@ mean brightness of both, on a coarse grid.
 from functools import lru_cache
 import math
 
+from convseq_ros.config import Config
 from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.keypoints import agreeing_blocks, Keypoints
 from convseq_ros.core.map.image_coding import decode_jpeg
@@ -19,6 +20,7 @@ from convseq_ros.errors import MapError
 import numpy as np
 
 _KEPT = 64  # places whose keypoints are cached; 20 MB
+_LOOKED_AT = 10  # places of a map, to know whether it has keypoints
 _GROWTH = 1.25  # growth of the map after which its brightness is read again
 
 
@@ -28,6 +30,24 @@ class LIGHT:
 
     places: int = 60  # of the map, evenly spread, that are read
     frames: int = 100  # memory of the drive's mean
+
+
+def has_keypoints(reference_map: ReferenceMap) -> bool:
+    """Return whether a map has keypoints, by a few of its places; also true if it is empty."""
+    if not len(reference_map):
+        return True
+    some = np.unique(np.linspace(0, len(reference_map) - 1, _LOOKED_AT).astype(int)).tolist()
+    return any(reference_map.keypoints(index) is not None for index in some)
+
+
+def without_keypoints(name: object, has: bool, config: Config) -> str:
+    """Return a line about a map that has no keypoints; empty if it has, or none are used."""
+    if has or not (config.believes and config.keyframes.keypoints):
+        return ''
+    return (
+        f'{name} has no keypoints, so alike aisles may be confused; build the map again to add '
+        'them'
+    )
 
 
 class KeypointWitness:
