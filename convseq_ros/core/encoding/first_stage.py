@@ -90,13 +90,13 @@ def with_first_stage(config: Config, describe: Describe | None) -> Config:
     Return a configuration as maps store it: with the identity of the model, not its path.
 
     Images are read in colour if the model wants it. With `matching: descriptor`, maps store
-    neither cells nor thumbnails.
+    neither cells nor thumbnails nor keypoints.
     """
     keyframes, encoding, reading = config.keyframes, config.encoding, config.reading
     keeps_cells = config.matching.matching != 'descriptor'
     encoding = replace(encoding, keeps_cells=keeps_cells)
     if not keeps_cells:
-        keyframes = replace(keyframes, thumbnail_width_px=0)
+        keyframes = replace(keyframes, thumbnail_width_px=0, keypoints=0)
     if describe:
         encoding = replace(encoding, descriptor_model=identity_of(describe))
         reading = replace(reading, keeps_color=wants_color(describe))
