@@ -265,7 +265,8 @@ class Match:
     # None if no reference is accepted, or if it has no pose.
     pose: PoseEstimate | None = None
     anchor: Anchor | None = None  # of the accepted reference
-    # Distance of the place from odometry, in metres beyond the possible drift; None if plausible.
+    # Distance of the best place from odometry, in metres beyond the possible drift, also if it is
+    # accepted; None if plausible, or not asked.
     implausible_m: float | None = None
     localization: Localization | None = None  # after this frame; None if it was not computed
     camera: str = ''  # source of the frame, if the robot has several cameras

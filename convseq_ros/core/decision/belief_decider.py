@@ -119,6 +119,7 @@ class BeliefDecider:
             if observed.asked:
                 self._usual.learn(belief.usual_leads(is_same), best >= query.session_start)
             reason, best = Reason.ACCEPTED, self._best_look(best, observed)
+            implausible_m = self._prior.implausible_m(best, query.session_start)
             self._prior.fix(best)
             self._comparer.end_search()
         elif (implausible_m := self._prior.implausible_m(best, query.session_start)) is not None:

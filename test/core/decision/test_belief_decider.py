@@ -305,6 +305,17 @@ def test_an_odometry_restart_makes_no_place_implausible(posed, drive):
     assert not any(match.implausible_m for match in matches[20:])
 
 
+def test_a_match_that_images_are_sure_of_says_how_far_odometry_denies_it(posed, drive):
+    # By odometry, the robot stands while it leaves the map and comes back 30 m further on.
+    shown_places = [*range(10, 20), *range(1000, 1010), *range(50, 60)]
+    poses = [at(x) for x in (*range(10, 20), *[20] * 10, *range(20, 30))]
+    matches = drive(PlaceRecognizer(posed, RESTLESS), shown_places, poses=poses)
+    first, *later = (match for match in matches[20:] if match.accepted)
+    # Of these 30 m, ten places and a tenth of the way are allowed.
+    assert first.accepted.reference_index == 52 and first.implausible_m == pytest.approx(19.8)
+    assert {match.implausible_m for match in later} == {None}  # it counts from the last match
+
+
 @pytest.mark.skipif(not available(), reason='needs compiled kernels')
 def test_decisions_and_inliers_are_those_without_compiled_kernels(street, drive, monkeypatch):
     def answers(kernel):
