@@ -28,7 +28,8 @@ class MotionModel:
     Moves places by odometry if it and the map's poses are known, otherwise by a velocity.
 
     With `both` directions, the places are met in reverse order with a probability of 50 %,
-    otherwise of 1 %. `way_error` is the drift of odometry, as a share of the travelled distance.
+    otherwise of 1 %. The motion spreads by `way_error`, the drift of odometry as a share of the
+    travelled distance; without odometry, too.
     """
 
     def __init__(self, reference_map: ReferenceMap, both: bool, way_error: float) -> None:

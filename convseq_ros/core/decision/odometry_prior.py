@@ -23,7 +23,7 @@ import numpy as np
 class SLACK:
     """The error of a match itself; engineering, not studied."""
 
-    places: float = 5.0  # in distances to the next place
+    places: float = 5.0  # in distances between the places on both sides
     least_m: float = 0.5
 
 
