@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whatever happens to one frame, the next one is answered; the log says what was dropped."""
 
+from dataclasses import replace
 import errno
 from pathlib import Path
 import shutil
@@ -114,6 +115,18 @@ def test_at_most_20_kinds_of_image_faults_are_logged(setup, image, gray):
         message.encoding = f'mono{number + 100}'
         setup.handle(message, number)
     assert len(setup.logger.warning.call_args_list) == 20
+
+
+def test_odometry_that_no_robot_can_have_is_logged_once_and_counted(map_path, path, image, gray):
+    setup = Setup(Pipeline(map_path, make_config({})), path)
+    for number in range(6):
+        jumped = replace(POSE, position=(12.0 * number, 0.0, 0.0))
+        setup.surroundings.odometry.pose_at.return_value = jumped
+        setup.handle(image(np.roll(gray, 9 * number, axis=1), 1), number)
+    setup.results.close()
+    assert setup.recognition.pipeline.cameras.odometry_jumps == 5
+    ((told,),) = (call.args for call in setup.logger.warning.call_args_list)
+    assert told.startswith('odometry has steps faster than 40 m/s, which are left out; check its')
 
 
 def test_errors_while_the_node_stops_are_not_logged(setup, image, gray, path):
