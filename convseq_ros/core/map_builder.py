@@ -188,7 +188,8 @@ class _DrivenMap(OnlineMap):
     def begin(self, start: int) -> None:
         """Begin a session of the map by its first place."""
         self.reset()
-        self.session_start = self._usable = start
+        self.session_start = self._usable = self._first = start
+        self._passed_at.clear()
 
     def add(self, _frame: Frame, _descriptor: Descriptor, _match: Match | None = None) -> None:
         """Link the next place to the one that its match recognises."""

@@ -9,6 +9,7 @@ from convseq_ros.config import make_config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.gate.near_duplicate import distance, GLANCE, glance, NearDuplicate
+from convseq_ros.core.gate.scenes import Scenes
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Reason
 from convseq_ros.simulation.drive import Drive
@@ -61,8 +62,12 @@ def test_the_near_distance_is_three_quarters_of_the_largest_before_a_far_frame()
     assert sure(near, 0.0, 0.29, 0.31) == [True, True, False]
     assert not near.is_sure(None)
     near.reset()
-    near.note(edges(0.0), is_near=False)
     assert not near.is_sure(edges(0.0))
+
+
+def test_noise_alone_makes_no_far_frame_and_what_it_explains_is_near():
+    assert sure(told(), 0.0, 0.27, 0.29) == [True, True, False]
+    assert sure(told(0.2, FAR), 0.27, 0.29) == [True, False]
 
 
 def test_the_smallest_distance_of_three_keyframes_counts():
@@ -77,11 +82,11 @@ def test_predicted_near_frames_do_not_change_the_near_distance():
 
 
 def test_a_far_frame_right_after_predictions_shrinks_the_distance():
-    near = told(0.4, FAR, FAR)
-    assert sure(near, 0.22, 0.23) == [True, False]
+    near = told(0.8, FAR, FAR)
+    assert sure(near, 0.44, 0.46) == [True, False]
     near.note(edges(0.0), is_near=False)
-    assert sure(near, 0.16, 0.17) == [True, False]
-    assert sure(told(FAR, FAR), 0.0) == [False]
+    assert sure(near, 0.33, 0.34) == [True, False]
+    assert sure(told(FAR, FAR), 0.29) == [False]
 
 
 def test_a_robot_that_waits_is_tested_once_only_from_the_first_frame_on():
@@ -155,20 +160,40 @@ def test_less_than_half_of_the_frames_between_keyframes_are_encoded_at_1_mps(lig
     assert sum(index > first for index in encoded) - len(later) < 0.5 * between
 
 
-def dimmed(frames):
-    return [(0.5 * gray).astype(np.uint8) for gray in frames]
+@pytest.mark.once
+def test_another_light_moves_no_keyframe():
+    frames = [*drive('night', 1.0), *drive('day', 4.0)]
+    reasons, expected = (gated(frames, [None] * len(frames), shown)[0] for shown in (True, False))
+    assert keyframes(reasons) == keyframes(expected)
+
+
+def with_noise(frames):
+    rng = np.random.default_rng(1)
+    return [np.clip(one + rng.normal(0, 12, one.shape), 0, 255).astype(np.uint8) for one in frames]
 
 
 @pytest.mark.once
-@pytest.mark.parametrize(
-    'make',
-    [
-        lambda: [*drive('night', 1.0), *drive('day', 4.0)],
-        lambda: [*drive('night', 1.0)[:40], *dimmed(drive('night', 1.0)[40:])],
-    ],
-    ids=['night, then day', 'a lamp dims'],
-)
-def test_another_light_moves_no_keyframe(make):
-    frames = make()
-    reasons, expected = (gated(frames, [None] * len(frames), shown)[0] for shown in (True, False))
-    assert keyframes(reasons) == keyframes(expected)
+@pytest.mark.parametrize('light', ['day', 'night'])
+def test_noise_makes_no_keyframes_of_a_robot_that_stands(light):
+    noisy = with_noise(drive(light, 4.0)[24:25] * 20)
+    shown, expected = (gated(noisy, [None] * 20, by_glance)[0] for by_glance in (True, False))
+    assert keyframes(shown) == [0]
+    assert keyframes(expected) == [*range(20)]  # by descriptors, each frame is another scene
+
+
+@pytest.mark.once
+def test_noise_makes_keyframes_of_a_robot_that_creeps_but_no_scenes():
+    config = make_config({})
+    gate, verdicts = FrameGate(config, config.keyframes, PaperSimilarity()), []
+    for index, gray in enumerate(with_noise(drive('day', 1.0))):
+        verdicts.append(gate.check(index * 33_333_333, None, partial(describe, gray), gray))
+    assert sum(verdict.reason is None for verdict in verdicts) >= 20
+    assert 4 <= verdicts[-1].passed <= 8  # 2.5 m of a street; 5 without noise
+
+
+def test_a_keyframe_is_a_scene_if_its_glance_is_far_from_that_of_the_last_scene():
+    scenes, passed = Scenes(), []
+    for apart in (0.0, 0.69, 0.71, 0.2, None):
+        scenes.count(None if apart is None else edges(apart))
+        passed.append(scenes.passed)
+    assert passed == [1, 1, 2, 2, 3]

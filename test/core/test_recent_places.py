@@ -3,6 +3,7 @@
 """Which places of the running drive may be matched: by scenes passed, not by clock or spacing."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from convseq_ros.config import EncodingConfig, make_config, with_values
 from convseq_ros.config.retired import RETIRED
@@ -100,6 +101,17 @@ def test_a_drive_that_never_returns_matches_nothing(wall, drive, spacing):
     recognizer, matches = driven(frames, with_values(ONLINE, SPACINGS[spacing]))
     assert recognizer.mapping.usable >= 5  # there was something to match
     assert not [match.query_index for match in matches if match.accepted]
+
+
+def test_a_clock_that_jumps_back_makes_no_place_old_enough(wall):
+    first = along(wall, range(40), 0.1)
+    later = [
+        replace(one, stamp_ns=one.stamp_ns - 6 * SECOND) for one in along(wall, range(80), 0.1)
+    ]
+    recognizer, matches = driven([*first, *later[40:]])
+    assert recognizer.resets == 1 and len(recognizer.reference_map.sessions) == 2
+    assert 0 < recognizer.mapping.usable < len(recognizer.reference_map) - 18
+    assert not any(match.accepted for match in matches)
 
 
 @pytest.mark.parametrize('lap_s', [5.0, 18_000.0])

@@ -14,6 +14,7 @@ from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.gate.dropped_frames import FRAME_DROPS, FrameDropDetector
 from convseq_ros.core.gate.near_duplicate import Glance, glance, NearDuplicate
+from convseq_ros.core.gate.scenes import Scenes
 from convseq_ros.core.gate.standstill import near, Standstill
 from convseq_ros.core.similarity.overlap import Overlap, PaperSimilarity
 from convseq_ros.core.types import Descriptor, Gray, Pose, Reason
@@ -53,7 +54,7 @@ class FrameGate:
         self._by_default: FrameGate | None = None  # counts scenes, if the spacing is another
         if config.online.grows and keyframes.spacing != KeyframeConfig().spacing:
             self._by_default = FrameGate(config, KeyframeConfig(), similarity)
-        self._passed = 0
+        self._scenes = Scenes()
         self.reset()
 
     def configure(self, config: Config) -> None:
@@ -80,8 +81,7 @@ class FrameGate:
         """Return the verdict on the next frame; `encode` describes it if that is needed."""
         if self._by_default is None:
             verdict = self._check(stamp_ns, pose, encode, gray)
-            self._passed += verdict.reason is None
-            return replace(verdict, passed=self._passed)
+            return replace(verdict, passed=self._scenes.passed)
         encode_once = cache(encode)
         verdict = self._check(stamp_ns, pose, encode_once, gray)
         passed = self._by_default.check(stamp_ns, pose, encode_once, gray).passed
@@ -131,6 +131,7 @@ class FrameGate:
             return self._not_keyframe(still or not self._by_scene, pose, edges, descriptor)
         if self._by_scene:
             self._scene = descriptor
+        self._scenes.count(edges)
         return Verdict(None, descriptor, self._keyframe(stamp_ns, pose))
 
     def _keyframe(self, stamp_ns: int, pose: Pose | None) -> int:

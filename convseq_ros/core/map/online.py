@@ -91,12 +91,14 @@ class OnlineMap(PreloadedMap):
         keyframes = config.keyframes
         self._kept = keyframes.thumbnail_width_px, keyframes.keep_images_px, keyframes.keypoints
         self._is_frozen = False
+        self._usable = self._first = len(reference_map)  # first place that is added here
+        self._passed = 0
+        self._passed_at: list[int] = []  # by added place, of all sessions: scenes passed, with it
         super().__init__(reference_map)
 
     def reset(self) -> None:
+        """Begin a new session; places of the last one stay recent, as the robot goes on."""
         super().reset()
-        self._usable, self._passed = self.session_start, 0
-        self._passed_at: list[int] = []  # by place of this session: scenes passed, with it
         self._skipping = 0  # number of frames that are still to be left out
 
     @property
@@ -107,7 +109,7 @@ class OnlineMap(PreloadedMap):
     def follow(self, passed: int) -> None:
         """Take in how many scenes the drive has passed (`Verdict.passed`)."""
         self._passed, oldest = passed, passed - RECENT.keyframes
-        self._usable = self.session_start + bisect_left(self._passed_at, oldest)
+        self._usable = self._first + bisect_left(self._passed_at, oldest)
 
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
         """
@@ -133,7 +135,9 @@ class OnlineMap(PreloadedMap):
         self._skipping -= 1
         if place is None:
             self._skipping = 0
-        elif self._skipping <= 0 and not len(self._passed_at) % STRETCH.keyframes:
+        elif self._skipping <= 0 and not (
+            (len(self._map) - self.session_start) % STRETCH.keyframes
+        ):
             vector = vector_of(descriptor)
             self._skipping = 0 if self._pruning.has_room(place, vector) else STRETCH.keyframes
         return self._skipping > 0
