@@ -131,6 +131,7 @@ class PlaceRecognizer:
         # 1. Frames that are late or unreadable go no further.
         if self._is_late(frame.stamp_ns):
             return self._as_match(frame, Answer(Reason.OUT_OF_ORDER))
+        self.decider.follow(frame, self.config)
         if frame.gray is None and descriptor is None:
             self._leave_slot(frame)
             return self._as_match(frame, Answer(Reason.UNREADABLE))

@@ -22,7 +22,7 @@ from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.similarity.matcher import Matcher
-from convseq_ros.core.types import Candidate, Candidates, Flags, Reason
+from convseq_ros.core.types import Candidate, Candidates, Flags, Frame, Pose, Reason
 import numpy as np
 
 # A place's ratio below this is denied by both: the least that cells leave, halved by keypoints.
@@ -70,16 +70,19 @@ class BeliefDecider:
         if isinstance(other, BeliefDecider):
             self._prior.use_matches_of(other._prior)
 
+    def follow(self, frame: Frame, config: Config) -> None:
+        """Take in the odometry of a frame; after a jump, the step to the next one is unknown."""
+        if self._jumps.observe(frame.stamp_ns, _used(frame.pose, config)):
+            self._belief.motion.forget_pose()
+            self._prior.forget_poses()
+
     def decide(self, query: Query) -> Answer:
         """Return the likeliest places; the confidence is the mass of the first."""
         frame, belief, newest = query.frame, self._belief, query.buffer.newest.descriptor
         self._usual.difference = self._witness.difference(frame, newest, query.usable)
         if query.missing > BUFFER.longest_gap:
             belief.reset()
-        pose = frame.pose if query.config.robot.odometry_way_error else None
-        if self._jumps.observe(frame.stamp_ns, pose):  # the step of a jump is unknown
-            belief.motion.forget_pose()
-            self._prior.forget_poses()
+        pose = _used(frame.pose, query.config)
         new = novelty(query.buffer.frames)
         belief.motion.move(pose, query.missing, new)
         self._prior.move(frame.stamp_ns, pose)
@@ -193,3 +196,8 @@ class BeliefDecider:
         ]
         scores = [score for score in pairs if score >= 0]  # not NaN
         return sum(scores) / len(scores) if scores else 0.0
+
+
+def _used(pose: Pose | None, config: Config) -> Pose | None:
+    """Return a pose of odometry, if odometry is used."""
+    return pose if config.robot.odometry_way_error else None

@@ -51,6 +51,9 @@ class Decider(Protocol):
     def odometry_jumps(self) -> int:
         """How many steps of odometry were left out, since no robot can have made them."""
 
+    def follow(self, frame: Frame, config: Config) -> None:
+        """Take in the odometry of the next frame, also if it is no keyframe."""
+
     def decide(self, query: Query) -> Answer:
         """Return the places that the newest frame may show, and whether the best is a match."""
 

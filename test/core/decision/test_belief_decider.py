@@ -296,6 +296,14 @@ def test_odometry_in_a_wrong_unit_or_with_outliers_makes_no_match_wrong(posed, d
     assert recognizer.decider.odometry_jumps > 4
 
 
+def test_a_jump_between_two_keyframes_is_a_jump(posed, image):
+    recognizer = PlaceRecognizer(posed, with_values(RESTLESS, {'keyframe_interval_s': 1.0}))
+    for number in range(20):  # 5 frames a second at 1 m/s; after the 12th, odometry is 12 m ahead
+        pose = at(10 + 0.2 * number + 12 * (number > 12))
+        recognizer.process(Frame(number * 200_000_000, image(10 + number // 5), pose=pose))
+    assert recognizer.decider.odometry_jumps == 1
+
+
 def test_an_odometry_restart_makes_no_place_implausible(posed, drive):
     # The second part is in no map.
     shown_places = [*range(10, 20), *range(1000, 1010), *range(40, 50)]

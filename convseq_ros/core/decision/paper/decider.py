@@ -8,7 +8,7 @@ from convseq_ros.core.decision.paper.length import choose_length
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.similarity.overlap import PaperSimilarity
-from convseq_ros.core.types import Candidates, Doubles, Flags, Indices, Reason
+from convseq_ros.core.types import Candidates, Doubles, Flags, Frame, Indices, Reason
 import numpy as np
 
 
@@ -34,6 +34,9 @@ class PaperDecider:
 
     def reset(self) -> None:
         self._coarse.reset()
+
+    def follow(self, _frame: Frame, _config: Config) -> None:
+        """Do nothing: this decider does not use odometry."""
 
     def use_matches_of(self, _other: object) -> None:
         """Do nothing: this decider does not use odometry."""
