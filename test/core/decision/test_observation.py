@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from convseq_ros.config import Config, with_values
 from convseq_ros.core.decision.comparison import COMPARED, Comparer
 from convseq_ros.core.decision.decider import Query
-from convseq_ros.core.decision.likelihood import COPIES
+from convseq_ros.core.decision.likelihood import RARE
 from convseq_ros.core.decision.observation import Observer
 from convseq_ros.core.decision.usual_lead import ratios_of, UsualLead
 from convseq_ros.core.geometry.verification import Verification
@@ -379,5 +379,5 @@ def test_ratios_are_finite_and_bounded_for_any_input(
     )
     assert {*believed} <= {*observation.places.tolist()}
     assert (np.diff(observation.places) > 0).all() and np.isfinite(observation.log_ratios).all()
-    assert (observation.log_ratios <= -math.log(COPIES.all) + 1e-9).all()
+    assert (observation.log_ratios <= -math.log(RARE.share) + 1e-9).all()
     assert observation.has_rivals or (observation.log_ratios <= 0).all()
