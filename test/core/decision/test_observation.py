@@ -137,7 +137,7 @@ def test_the_place_that_the_frame_shows_gains_and_the_others_lose(a_map):
     assert observation.has_rivals and observation.asked == {} and observation.keypoints is None
     # A lead of 10 in twice the roots and of half a scale; by chance it lies there 9 in 100 times.
     total = 0.9 * math.exp(-2.0 + 0.5 * 10 + 0.5 * 0.5) * 100 / 9 + 0.1
-    assert ratios[30] == pytest.approx(math.log(total / (1 + 0.0015 * total)))
+    assert ratios[30] == pytest.approx(math.log(total / (1 + 0.001 * total)))
     # Places beside it are nearly as likely: they lose a quarter for each place.
     assert [ratios[place] - ratios[30] for place in (28, 29, 31, 32)] == pytest.approx(
         [-0.5, -0.25, -0.25, -0.5]
