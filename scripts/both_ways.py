@@ -41,6 +41,29 @@ def driven(street: int, metres: int, source: str, **how: object) -> Shots:
     return [(at_m, replace(frame, source=source)) for at_m, frame in drawn]
 
 
+def mapped_by_day(street: int, metres: int) -> Shots:
+    """Return the frames of the front camera on the way that is mapped."""
+    how = {'seed': 10 * street, 'lane_offset_m': LANE_M, 'noise': NOISE['day']}
+    return driven(street, metres, FRONT, start_m=10.0, **how)
+
+
+def driven_back(
+    street: int, metres: int, source: str, heading_deg: float, aside_m: float, light: str
+) -> Shots:
+    """Return the frames of a camera on the way back, to the side of the first way."""
+    number = [*NOISE].index(light) + 1
+    how = {
+        'seed': 10 * street + number + 2 * (source == REAR),
+        'start_m': metres + 9.7,
+        'speed_mps': -10.0,
+        'heading_deg': heading_deg,
+        'lane_offset_m': LANE_M + aside_m,
+        'light': light,
+        'noise': NOISE[light],
+    }
+    return driven(street, metres, source, **how)
+
+
 def recognised(
     reference_map: ReferenceMap, at: dict[int, float], config: Config, shown: list[Shots]
 ) -> tuple[Counter[str], list[float]]:
@@ -72,26 +95,16 @@ def main() -> None:
     results: dict[tuple[str, str, str, str], Counter[str]] = defaultdict(Counter)
     turned_deg: dict[tuple[str, str, str, str], list[float]] = defaultdict(list)
     for street in chosen.streets:
-        how = {'seed': 10 * street, 'lane_offset_m': LANE_M, 'noise': NOISE['day']}
-        first = driven(street, chosen.metres, FRONT, start_m=10.0, **how)
+        first = mapped_by_day(street, chosen.metres)
         frames, at = [frame for _, frame in first], {one.stamp_ns: at for at, one in first}
         with_poses, without = build_map(frames), build_map(blind(frames))
         for drive, (heading_deg, sources) in DRIVES.items():
             for aside_m in (1.0, 3.0):
-                for number, (light, noise) in enumerate(NOISE.items(), 1):
-                    how = {
-                        'start_m': chosen.metres + 9.7,
-                        'speed_mps': -10.0,
-                        'heading_deg': heading_deg,
-                        'lane_offset_m': LANE_M + aside_m,
-                        'light': light,
-                        'noise': noise,
-                    }
+                for light in NOISE:
                     shown = [
-                        driven(street, chosen.metres, one,
-                               seed=10 * street + number + 2 * (one == REAR), **how)
+                        driven_back(street, chosen.metres, one, heading_deg, aside_m, light)
                         for one in sources
-                    ]  # fmt: skip
+                    ]
                     for rule, config in RULES.items():
                         if rule == ('one' if heading_deg else 'both, no poses'):
                             continue  # nearly the same images as in reverse gear

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import aisles
+import both_ways
 from convseq_ros import Config, Frame
 from convseq_ros.config import make_config
 from convseq_ros.evaluation.protocols import kept_halves
@@ -27,6 +28,7 @@ import numpy as np
 
 RIGHT, WRONG = 5.0, 15.0
 TWIN = 1e6  # position where a twin aisle begins
+REVERSE_M = 200  # driven in reverse gear
 PIECE, STEP_NS = 30, 10**8  # images between jumps, and between images
 Shown = list[tuple[Frame, float]]  # with positions
 
@@ -144,6 +146,15 @@ def of_aisles(seed: int, light: str, changes: dict[str, Any], what: str) -> Driv
     return Drive(name, placed(maps, True), placed(parts, what == 'both'), config_of(changes))
 
 
+def in_reverse(street: int, changes: dict[str, Any]) -> Drive:
+    """Return a drive in reverse gear, 3 m to the side and in the evening, of a street by day."""
+    mapped = both_ways.mapped_by_day(street, REVERSE_M)
+    back = both_ways.driven_back(street, REVERSE_M, both_ways.FRONT, 0.0, 3.0, 'evening')
+    queries = [(replace(frame, pose=None), at_m) for at_m, frame in back]
+    shown = [(frame, at_m) for at_m, frame in mapped]
+    return Drive(f'in reverse {street}', shown, queries, config_of(changes))
+
+
 def _counted(folder: Path) -> Shown:
     return [(frame, float(index)) for index, frame in enumerate(ImageFolder(folder))]
 
@@ -164,11 +175,12 @@ def real(data: Path, changes: dict[str, Any]) -> list[Make]:
 
 
 def more(data: Path | None, changes: dict[str, Any]) -> list[Make]:
-    """Return drives that map their own way, jump, or have a twin."""
+    """Return drives that map their own way, go in reverse gear, jump, or have a twin."""
     found: list[Make] = [partial(own_street, PAIRS[at], changes) for at in (2, 9, 11)]
     for seed, light in ((1, 'day'), (2, 'evening')):
         found += [partial(of_aisles, seed, light, changes, what) for what in ('only A', 'turned')]
     found.append(partial(of_aisles, 1, 'day', changes, 'both'))
+    found += [partial(in_reverse, street, changes) for street in (1, 2)]
     if data:
         corridor = partial(of_corridor, data / 'corridor', changes)
         of = partial(of_laps, data / 'laps', changes)

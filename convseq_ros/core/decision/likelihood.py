@@ -21,8 +21,8 @@ class CELLS:
     """
     The density ratio of the cells' leads, its logarithm linear in both; and their scales.
 
-    Chosen by hand between a fit (scripts/fit_observation.py) and no false match, on corridor,
-    laps, Gardens Point, drawn streets and aisles (docs/NOTES.md).
+    Chosen by the score of scripts/fit_decision.py and by false matches (docs/NOTES.md); alone, a
+    fit (scripts/fit_observation.py) asks for more, as frames that follow each other are alike.
     """
 
     constant: float = -2.0  # without a lead

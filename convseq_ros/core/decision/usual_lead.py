@@ -23,9 +23,8 @@ class KEYPOINTS:
     """
     The lead of a place's keypoints: of twice the root of the blocks that agree.
 
-    `usual`, `by_day`, `sigma`, `floor` and `surprising` were chosen by hand, from the means and
-    spreads of leads that scripts/fit_observation.py prints. The others were chosen by the mean log
-    probability that the belief gives to the truth, and by false matches (docs/NOTES.md).
+    Chosen by the mean log probability that the belief gives to the truth, and by false matches, as
+    scripts/fit_decision.py prints them (docs/NOTES.md).
     """
 
     usual: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0)  # leads that may be usual
