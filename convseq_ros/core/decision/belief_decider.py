@@ -18,6 +18,7 @@ from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.decision.paper.diagonals import diagonal
 from convseq_ros.core.decision.paper.query_buffer import BUFFER
 from convseq_ros.core.decision.usual_lead import UsualLead
+from convseq_ros.core.geometry.verification import NOTHING
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
@@ -49,6 +50,7 @@ class BeliefDecider:
         self._prior = OdometryPrior(reference_map, robot, config.online.grows)
         self._witness = KeypointWitness(reference_map, config.keyframes.keypoints)
         self._comparer = Comparer(coarse, matcher, self._near, matching.shortlist_length)
+        self._matcher = matcher
         self._observer = Observer(self._comparer, matcher, self._near, self._witness)
 
     @property
@@ -118,6 +120,8 @@ class BeliefDecider:
         is_sure = confidence >= config.min_confidence
         if is_sure and self._both_deny(is_same, observed):
             reason = Reason.WEAK
+        elif is_sure and best >= query.session_start and self._is_left(best, query):
+            reason = Reason.RECENT
         elif is_sure and not self._prior.is_denied(best, query.session_start):
             if observed.asked:
                 self._usual.learn(belief.usual_leads(is_same), best >= query.session_start)
@@ -147,6 +151,20 @@ class BeliefDecider:
         held = belief.mass[is_same]
         predicted = held * np.exp(-log_ratios)  # up to a factor
         return bool(held.sum() < _DENIED * predicted.sum())
+
+    def _is_left(self, place: int, query: Query) -> bool:
+        """
+        Return whether the robot leaves a place of its drive, which is in view ever since.
+
+        The oldest frame of the buffer then shows it more than the newest one; a robot that
+        returns sees it better than before. Without cells, it is not known.
+        """
+        known = [one.features for one in query.buffer.frames if one.features is not None]
+        newest, oldest = (
+            self._matcher.verified(features, [place]).get(place, NOTHING)
+            for features in (known[0], known[-1])
+        )
+        return strength_of(newest) < strength_of(oldest)
 
     def _best_look(self, best: int, observed: Observation) -> int:
         """Return the strongest look of a place for the newest frame, or the place beside it."""

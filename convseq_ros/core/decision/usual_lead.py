@@ -36,7 +36,7 @@ class KEYPOINTS:
     changing: float = 0.1
     sigma: float = 1.4  # of the leads of true places, and of others about 0
     floor: float = 1.0  # blocks that a rival has at least
-    surprising: float = 1.0  # log ratio of a lead that chance does not give
+    surprising: float = 3.0  # log ratio of a lead that chance does not give
 
 
 STATES = len(KEYPOINTS.usual) + 1  # of a place in the belief; the last is a copy

@@ -62,7 +62,7 @@ def test_the_expected_lead_falls_with_the_light_difference_except_on_the_running
 
 def test_two_places_that_both_exceed_chance_are_no_rivals():
     alone = asked({1: 25})[1].ratio
-    over = next(n for n in range(25) if asked({2: n})[2].ratio > 1)
+    over = next(n for n in range(25) if asked({2: n})[2].ratio > 3)
     assert asked({1: 25, 2: over})[1].ratio == alone
     assert asked({1: 25, 2: over})[2].ratio == asked({2: over})[2].ratio
     lead = 10 - 2 * (over - 1) ** 0.5
