@@ -22,6 +22,7 @@ STEP_NS = 10**8
 OWN = make_config({'image_size_px': 256, 'fixed_length': 4})
 ONLINE = with_values(OWN, {'mode': 'online'})
 RESTLESS = with_values(OWN, {'stationary_overlap': 1.0, 'stationary_m': 0.0})
+TWO = with_values(RESTLESS, {'fixed_length': 2})
 both_searches = pytest.mark.parametrize(
     'config',
     [with_values(OWN, {'search': one}) for one in ('shortlist', 'exhaustive')],
@@ -294,6 +295,22 @@ def test_odometry_in_a_wrong_unit_or_with_outliers_makes_no_match_wrong(posed, d
     recognizer = PlaceRecognizer(posed, RESTLESS)
     assert accepted(drive(recognizer, places, poses=poses))[2:] == places[2:]
     assert recognizer.decider.odometry_jumps > 4
+
+
+@pytest.mark.parametrize('own', [False, True])
+def test_a_robot_that_leaves_a_place_of_its_drive_does_not_return_to_it(street, described, own):
+    recognizer = PlaceRecognizer(street, TWO)  # two frames are kept
+    if own:
+        recognizer.mapping.session_start = 0
+    reasons = []
+    for index, (place, seed) in enumerate(
+        [*((one, 1) for one in range(10, 21)), (20, 0), (20, 1)]
+    ):
+        match = recognizer.process(Frame(index * STEP_NS, None), described(place, seed))
+        reasons.append(match.reason)
+    # The last frame shows place 20 less than the one before, which is the map's.
+    assert set(reasons[4:-1]) == {Reason.ACCEPTED}
+    assert reasons[-1] is (Reason.RECENT if own else Reason.ACCEPTED)
 
 
 def test_a_jump_between_two_keyframes_is_a_jump(posed, image):
