@@ -28,6 +28,7 @@ class CELLS:
     constant: float = -2.0  # without a lead
     per_scale: float = 0.5  # of the lead in strength, and of that in pair score
     works: float = 0.9  # probability that cells show a true place
+    along: float = 0.3  # share of drives elsewhere along which the strongest place moves, too
     loss_per_place: float = 0.25  # log ratio, by the distance from a place that leads
     # Scale of the controls' pair scores before a drive has any, and the memory of both scales; the
     # scale of strengths (of twice their square root) starts at 1.
@@ -84,7 +85,7 @@ def gain_of(follows: float, chance: float) -> float:
 
     The arguments are those of `Evidence`.
     """
-    return -math.log(min(1.0, follows + chance))
+    return -math.log(min(1.0, CELLS.along * follows + chance))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -133,8 +134,8 @@ class Likelihood:
             R = (r e^c / q + 1 - r) e^k,  divided by  1 + a max R  down to 1
 
         q is the chance that the strongest place of the map lies where it lies, if the drive is
-        elsewhere: 9 in N, and 1 where the belief followed it, since the strongest place of a copy
-        moves along; for all other places q is 1. a is the share of frames elsewhere
+        elsewhere: 9 in N, or more if the belief followed it, since the strongest place moves
+        along in a share of copies; for all other places q is 1. a is the share of frames elsewhere
         that look like the best place in every respect, so no frame decides alone.
 
         A frame hardly tells a place from its neighbours, so a place has at least the logarithm of

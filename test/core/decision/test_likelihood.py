@@ -40,11 +40,11 @@ def bounded(value):
         # The strongest place of a drive elsewhere lies anywhere: 1 in 100 here.
         ({'is_strongest': True}, 0.9 * 100 + 0.1),
         ({'is_strongest': True, 'chance': 0.5}, 0.9 * 2 + 0.1),
-        # If the belief predicted it: as that of a copy would.
-        ({'is_strongest': True, 'follows': 1.0}, 1.0),
-        ({'is_strongest': True, 'follows': 0.49}, 0.9 * 2 + 0.1),
+        # If the belief predicted it: as a copy would, in 30 % of drives past copies.
+        ({'is_strongest': True, 'follows': 1.0}, 0.9 / 0.31 + 0.1),
+        ({'is_strongest': True, 'follows': 0.5}, 0.9 / 0.16 + 0.1),
         ({'is_strongest': True, 'follows': 1.0, 'chance': 1.0}, 1.0),
-        ({'follows': 0.0, 'chance': 0.5}, 1.0),  # of another place
+        ({'follows': 1.0, 'chance': 0.5}, 1.0),  # of another place
         ({'keypoints': math.log(20)}, 20.0),
         ({'cells': math.log(10), 'keypoints': math.log(0.1)}, 0.91),
         ({'cells': 300.0, 'keypoints': 20.0, 'is_strongest': True}, 1e100),
