@@ -189,7 +189,7 @@ def test_keypoints_are_not_used_where_the_belief_is_sure_and_cells_agree(a_map):
     assert not asked({30: 0.991}, 100.0)
     assert not asked({29: 0.5, 31: 0.491}, 100.0)
     assert asked({30: 0.89}, 100.0) and asked({70: 0.95}, 100.0)
-    assert asked({30: 0.991}, 36.0)  # cells are not sure
+    assert not asked({30: 0.991}, 36.0) and asked({30: 0.991}, 6.0)  # cells do not agree
 
 
 def test_keypoints_that_agree_raise_a_place_and_its_neighbours(a_map):
