@@ -39,7 +39,7 @@ from known_drives import Drive, Make, more, real, streets
 import numpy as np
 
 RECORDS = {
-    'CELLS': likelihood.CELLS, 'RARE': likelihood.RARE, 'KEYPOINTS': usual_lead.KEYPOINTS,
+    'CELLS': likelihood.CELLS, 'COPIES': likelihood.COPIES, 'KEYPOINTS': usual_lead.KEYPOINTS,
     'COMPARED': comparison.COMPARED, 'ASKED': observation.ASKED, 'BELIEF': belief.BELIEF,
     'MOTION': motion.MOTION,
 }  # fmt: skip

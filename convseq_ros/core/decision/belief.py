@@ -13,8 +13,8 @@ Sources: Hansen and Browning 2014 (SeqSLAM as a hidden Markov model); Xu, Suende
 
 import math
 
-from convseq_ros.core.decision.likelihood import RARE
-from convseq_ros.core.decision.motion import MotionModel
+from convseq_ros.core.decision.likelihood import COPIES
+from convseq_ros.core.decision.motion import MOTION, MotionModel
 from convseq_ros.core.decision.usual_lead import STATES, UsualLead
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import constants, Doubles, Flags, Indices
@@ -25,7 +25,7 @@ _WIDEST = 20.0  # places; a larger sigma of the motion is cut off at 3 times thi
 
 @constants
 class BELIEF:
-    """Engineering; `entering` and `jumping` were measured (docs/NOTES.md)."""
+    """Engineering; only `jumping` was measured (docs/NOTES.md)."""
 
     # Shares of mass that move, per keyframe.
     # Of elsewhere: enters the map, evenly over its places. As much of copies ends ...
@@ -34,7 +34,7 @@ class BELIEF:
     # but so little at a place that no frame decides alone.
     lost: float = 0.5
     # Of each place: leaves the map. As much of all: anywhere in the map, if the robot is moved or
-    # odometry fails. RARE.share finds 13 matches fewer of 676 after jumps.
+    # odometry fails.
     jumping: float = 5e-4
     looks: float = 0.1  # of a place: moves to the other keyframes of the same place
     least: float = 1e-9  # of all; a place with less mass is dropped
@@ -124,7 +124,7 @@ class Belief:
         rows, sources = (np.repeat(one, kept.sum(axis=1)) for one in (velocities, columns))
         same = _summed(rows * count + where, weights, len(mass), count)
         other = self.motion.prior[:, None] * same.sum(axis=0)
-        changed = (1 - RARE.share) * same + RARE.share * other
+        changed = (1 - MOTION.changing) * same + MOTION.changing * other
         self._lost = max(0.0, float(mass.sum() - changed.sum()))
         states /= states.sum(axis=0)
         at = (np.arange(STATES)[:, None] * count + where).ravel()
@@ -158,7 +158,7 @@ class Belief:
         mass, states = np.zeros((len(self._mass), count)), np.zeros((STATES, count))
         mass[:, at], states[:, at] = self._mass, self._states
         entering = BELIEF.entering * (self._nowhere - self._lost)
-        entering += min(BELIEF.lost, RARE.share * earlier) * self._lost
+        entering += min(BELIEF.lost, COPIES.all * earlier) * self._lost
         share = (entering * entry + BELIEF.jumping) / max(1, usable)
         mass += self.motion.prior[:, None] * share
         mass *= np.exp(log_ratios)

@@ -21,14 +21,14 @@ class CELLS:
     """
     The density ratio of the cells' leads, its logarithm linear in both; and their scales.
 
-    Chosen by the score of scripts/fit_decision.py and by false matches (docs/NOTES.md); alone, a
-    fit (scripts/fit_observation.py) asks for more, as frames that follow each other are alike.
+    Chosen by hand between a fit (scripts/fit_observation.py) and no false match, on corridor,
+    laps, Gardens Point, drawn streets and aisles (docs/NOTES.md).
     """
 
     constant: float = -2.0  # without a lead
-    per_scale: float = 0.5  # of the lead in strength, and of that in pair score
+    per_scale: float = 0.5  # of the lead in strength, and of that in pair score ...
+    most_scales: float = 5.0  # ... up to this many: one similar house can score like a street
     works: float = 0.9  # probability that cells show a true place
-    along: float = 0.3  # share of drives elsewhere along which the strongest place moves, too
     loss_per_place: float = 0.25  # log ratio, by the distance from a place that leads
     # Scale of the controls' pair scores before a drive has any, and the memory of both scales; the
     # scale of strengths (of twice their square root) starts at 1.
@@ -37,16 +37,11 @@ class CELLS:
 
 
 @constants
-class RARE:
-    """
-    What hardly ever happens; chosen on 34 drives, which 0.0015 fits as well (docs/NOTES.md).
+class COPIES:
+    """How often another place looks like the true one."""
 
-    So rare are frames elsewhere that look like a place in every respect, and robots that take
-    another velocity, per keyframe. So few are copies among the places that a drive enters, and
-    drives that meet the places in reverse order.
-    """
-
-    share: float = 0.001
+    all: float = 0.0015  # share of frames elsewhere that look like a place in every respect
+    along: float = 0.3  # share of drives elsewhere along which the strongest place moves, too
 
 
 UNVERIFIED = math.log(1 - CELLS.works)  # log ratio of places that are not verified
@@ -79,13 +74,14 @@ def gumbel_scale(best: Doubles) -> float | None:
     return float((gaps * np.arange(1, len(gaps) + 1)).mean())
 
 
-def gain_of(follows: float, chance: float) -> float:
+def gain_of(follows: float, chance: float, affirmed: float = 1.0) -> float:
     """
     Return the gain of the strongest place for being the strongest: -log q of `log_ratios`.
 
     The arguments are those of `Evidence`.
     """
-    return -math.log(min(1.0, CELLS.along * follows + chance))
+    along = COPIES.along / (COPIES.along + (1 - COPIES.along) * min(1.0, affirmed))
+    return -math.log(min(1.0, follows * along + chance))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -93,7 +89,7 @@ class Leads:
     """The leads of verified places over the strongest rival, in scales."""
 
     strength: Doubles  # (n,), by place
-    score: Doubles  # (n,), by place
+    score: Doubles  # (n,), by place; at most `CELLS.most_scales`
 
     @property
     def cells(self) -> Doubles:
@@ -111,6 +107,7 @@ class Evidence:
     is_strongest: Flags  # (n,), which places lie at the strongest one
     follows: float  # share of the belief's places, in [0, 1], that predicted the strongest one
     chance: float  # that the strongest place of a drive elsewhere lies there, in (0, 1]
+    affirmed: float  # ratio by which keypoints affirm the strongest place; 1 if not asked
     weight: float  # of what speaks for a place, in [0, 1]; 0 without enough rivals
 
 
@@ -141,10 +138,10 @@ class Likelihood:
         A frame hardly tells a place from its neighbours, so a place has at least the logarithm of
         one beside it, less a loss per place. A positive logarithm is multiplied by the weight.
         """
-        gain = gain_of(evidence.follows, evidence.chance)
+        gain = gain_of(evidence.follows, evidence.chance, evidence.affirmed)
         spoken = math.log(CELLS.works) + evidence.cells + gain * evidence.is_strongest
         total = np.logaddexp(spoken, math.log(1 - CELLS.works)) + evidence.keypoints
-        bound = np.logaddexp(0.0, total.max() + math.log(RARE.share))
+        bound = np.logaddexp(0.0, total.max() + math.log(COPIES.all))
         bounded = np.minimum(total, np.maximum(total - bound, 0.0))
         alike = (bounded[:, None] - CELLS.loss_per_place * evidence.distances).max(axis=0)
         return np.asarray(np.where(alike > 0, evidence.weight * alike, alike))
@@ -163,7 +160,7 @@ class Likelihood:
         for scale, best in ((self._strength_scale, roots), (self._score_scale, scores)):
             if (gap := gumbel_scale(best[is_rival])) is not None:
                 scale.add(gap)
-        return Leads(lead, above)
+        return Leads(lead, above.clip(-CELLS.most_scales, CELLS.most_scales))
 
 
 def strength_of(result: Verification) -> float:

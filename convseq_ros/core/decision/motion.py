@@ -4,7 +4,6 @@
 
 import math
 
-from convseq_ros.core.decision.likelihood import RARE
 from convseq_ros.core.decision.odometer import Odometer
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix
@@ -19,6 +18,9 @@ class MOTION:
     # Hypotheses for the velocity relative to the drive of the map, in places per keyframe.
     velocities: tuple[float, ...] = (0.0, 0.5, 0.8, 1.0, 1.25, 2.0, 3.0, 4.5, 6.0)
     sigma_places: float = 0.55  # noise of the position per step, in places
+    # Share of mass that takes another velocity, per keyframe; also the prior of drives that meet
+    # the places in reverse order.
+    changing: float = 0.01
 
 
 class MotionModel:
@@ -26,14 +28,14 @@ class MotionModel:
     Moves places by odometry if it and the map's poses are known, otherwise by a velocity.
 
     With `both` directions, the places are met in reverse order with a probability of 50 %,
-    otherwise of `RARE.share`. The motion spreads by `way_error`, the drift of odometry as a share
-    of the travelled distance; without odometry, too.
+    otherwise of 1 %. The motion spreads by `way_error`, the drift of odometry as a share of the
+    travelled distance; without odometry, too.
     """
 
     def __init__(self, reference_map: ReferenceMap, both: bool, way_error: float) -> None:
         ahead = MOTION.velocities
         back = tuple(-velocity for velocity in ahead if velocity)
-        backwards = 0.5 if both else RARE.share
+        backwards = 0.5 if both else MOTION.changing
         shares = (1 - backwards) / len(ahead), backwards / len(back)
         self.velocities: Doubles = np.array((*ahead, *back))
         self.prior: Doubles = np.repeat(shares, (len(ahead), len(back)))  # by velocity; sum is 1

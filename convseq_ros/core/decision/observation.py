@@ -4,6 +4,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+import math
 
 from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.comparison import COMPARED, Comparer
@@ -17,7 +18,7 @@ from convseq_ros.core.decision.likelihood import (
     strength_of,
     UNVERIFIED,
 )
-from convseq_ros.core.decision.usual_lead import answers, Asked, ratios_of, STATES
+from convseq_ros.core.decision.usual_lead import answers, Asked, KEYPOINTS, ratios_of, STATES
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
@@ -84,7 +85,7 @@ class Observer:
         follows, chance = self._expected(query, belief, best)
         asked = dict[int, Asked]()
         by_cells = leads.cells.max() + gain_of(follows, chance)
-        if by_cells < 0 or not self._is_sure(query, belief, best):
+        if by_cells < KEYPOINTS.surprising or not self._is_sure(query, belief, best):
             asked = self._asked(query, belief, strongest)
         keypoints = self._by_keypoints(places, asked)
         at = np.searchsorted(places, examined)
@@ -96,6 +97,7 @@ class Observer:
             self._near.within(examined, best, COMPARED.verify_radius) & has_rivals,
             follows,
             chance,
+            math.exp(asked[best].ratio) if best in asked else 1.0,
             _weight(query, novelty) if has_rivals else 0.0,
         )
         log_ratios = self._of_all(places, examined, self._likelihood.log_ratios(evidence))

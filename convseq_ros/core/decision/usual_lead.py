@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
 
-from convseq_ros.core.decision.likelihood import RARE
 from convseq_ros.core.types import constants, Doubles, Flags
 import numpy as np
 
@@ -23,8 +22,9 @@ class KEYPOINTS:
     """
     The lead of a place's keypoints: of twice the root of the blocks that agree.
 
-    Chosen by the mean log probability that the belief gives to the truth, and by false matches, as
-    scripts/fit_decision.py prints them (docs/NOTES.md).
+    `usual`, `by_day`, `sigma`, `floor` and `surprising` were chosen by hand, from the means and
+    spreads of leads that scripts/fit_observation.py prints. The others were chosen by the mean log
+    probability that the belief gives to the truth, and by false matches (docs/NOTES.md).
     """
 
     usual: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0)  # leads that may be usual
@@ -34,8 +34,9 @@ class KEYPOINTS:
     # Of the mass of a place, per keyframe: takes another usual lead. As much of what is known of
     # the drive is replaced by what a match shows.
     changing: float = 0.1
-    sigma: float = 1.4  # of the leads of true places, and of others about 0
-    floor: float = 1.0  # blocks that a rival has at least
+    copies: float = 0.001  # share of mass that enters the map at a copy of a place
+    sigma: float = 1.6  # of the leads of true places, and of others about 0
+    floor: float = 2.0  # blocks that a rival has at least
     surprising: float = 3.0  # log ratio of a lead that chance does not give
 
 
@@ -71,8 +72,8 @@ class UsualLead:
 
     def entering(self, is_current: Flags) -> Doubles:
         """Return the shares (6, n) of the states of mass that enters places (n,); sums are 1."""
-        true = (1 - RARE.share) * self._by_place(is_current)
-        return np.vstack((true, np.full(len(is_current), RARE.share)))
+        true = (1 - KEYPOINTS.copies) * self._by_place(is_current)
+        return np.vstack((true, np.full(len(is_current), KEYPOINTS.copies)))
 
     def moved(self, states: Doubles, is_current: Flags, ending: float) -> Doubles:
         """

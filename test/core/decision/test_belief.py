@@ -6,8 +6,7 @@ from itertools import pairwise
 import math
 
 from convseq_ros.core.decision.belief import BELIEF, Belief
-from convseq_ros.core.decision.likelihood import RARE
-from convseq_ros.core.decision.motion import MotionModel
+from convseq_ros.core.decision.motion import MOTION, MotionModel
 from convseq_ros.core.decision.usual_lead import ratios_of, UsualLead
 from convseq_ros.core.rigid import of_roll_pitch_yaw
 from hypothesis import given, settings
@@ -118,9 +117,8 @@ def test_a_lost_robot_is_in_an_earlier_map_with_probability_one_half(a_map):
             Belief(a_map(count), Driven(), UsualLead()), np.zeros(count), earlier=earlier
         ).mass.sum()
 
-    assert first_mass(400, 400) == pytest.approx(0.4, abs=5e-4)  # so no frame decides
-    assert first_mass(600, 600) == pytest.approx(0.999 * 0.5, abs=5e-4)
-    assert first_mass(100, 100) == pytest.approx(0.1, abs=5e-4)
+    assert first_mass(400, 400) == pytest.approx(0.999 * 0.5, abs=5e-4)
+    assert first_mass(100, 100) == pytest.approx(0.15, abs=5e-4)  # so no frame decides alone
     assert first_mass(100, 0) == pytest.approx(0.999 * 5e-4, rel=0.01)  # of no earlier drive
     belief = updated(Belief(a_map(400), Driven(), UsualLead()), np.full(400, -40.0), earlier=400)
     later = updated(belief, np.zeros(400), earlier=400).mass.sum()
@@ -132,7 +130,7 @@ def test_mass_that_runs_off_a_session_may_be_anywhere_in_the_map(a_map):
     belief.predict(404, 404)
     assert belief.elsewhere > 0.99
     updated(belief, np.zeros(404), earlier=404)
-    assert belief.mass.sum() == pytest.approx(0.4, abs=0.01)
+    assert belief.mass.sum() == pytest.approx(0.5, abs=0.01)
 
 
 def test_a_small_share_of_the_mass_changes_its_velocity(a_map):
@@ -145,7 +143,7 @@ def test_a_small_share_of_the_mass_changes_its_velocity(a_map):
     mass, _ = masses(belief, 20)
     assert mass[8] == pytest.approx(1, abs=0.01)
     belief.predict(20, 20)
-    changed = RARE.share / 2
+    changed = MOTION.changing / 2
     assert masses(belief, 20)[0][9] == pytest.approx(changed, rel=0.1)
 
 
@@ -156,7 +154,7 @@ def test_a_robot_in_reverse_gear_is_followed_though_neighbours_match_too(a_map):
         belief.predict(60, 60)
         updated(belief, 6.0 - 0.25 * abs(np.arange(60) - place))
         (likeliest,) = belief.likeliest(1)
-        assert abs(likeliest - place) <= (4 if place > 39 else 1)
+        assert abs(likeliest - place) <= (4 if place > 40 else 1)
 
 
 def test_the_likeliest_places_come_in_order_of_mass(a_map):

@@ -15,15 +15,23 @@ from convseq_ros.core.geometry.verification import Verification
 import numpy as np
 import pytest
 
-ALL = 0.001  # share of frames elsewhere that look like a place in every respect
+ALL = 0.0015  # share of frames elsewhere that look like a place in every respect
 ALONE = np.zeros((1, 1))  # a place is at no distance from itself
 FAR = np.where(np.eye(4), 0.0, np.inf)  # of four places, none says anything of another
 
 
-def ratio(cells=0.0, keypoints=0.0, is_strongest=False, follows=0.0, chance=0.01, likelihood=None):
+def ratio(
+    cells=0.0,
+    keypoints=0.0,
+    is_strongest=False,
+    follows=0.0,
+    chance=0.01,
+    affirmed=1.0,
+    likelihood=None,
+):
     """Return the likelihood ratio of a place."""
     place = np.array([cells]), np.array([keypoints]), np.array([is_strongest])
-    evidence = Evidence(*place[:2], ALONE, place[2], follows, chance, 1.0)
+    evidence = Evidence(*place[:2], ALONE, place[2], follows, chance, affirmed, 1.0)
     return math.exp((likelihood or Likelihood()).log_ratios(evidence)[0])
 
 
@@ -44,7 +52,10 @@ def bounded(value):
         ({'is_strongest': True, 'follows': 1.0}, 0.9 / 0.31 + 0.1),
         ({'is_strongest': True, 'follows': 0.5}, 0.9 / 0.16 + 0.1),
         ({'is_strongest': True, 'follows': 1.0, 'chance': 1.0}, 1.0),
-        ({'follows': 1.0, 'chance': 0.5}, 1.0),  # of another place
+        # Keypoints that deny make a copy likelier; those that affirm are counted by themselves.
+        ({'is_strongest': True, 'follows': 1.0, 'affirmed': 0.1}, 0.9 / (0.3 / 0.37 + 0.01) + 0.1),
+        ({'is_strongest': True, 'follows': 1.0, 'affirmed': 50.0}, 0.9 / 0.31 + 0.1),
+        ({'follows': 1.0, 'affirmed': 0.1}, 1.0),  # of another place
         ({'keypoints': math.log(20)}, 20.0),
         ({'cells': math.log(10), 'keypoints': math.log(0.1)}, 0.91),
         ({'cells': 300.0, 'keypoints': 20.0, 'is_strongest': True}, 1e100),
@@ -56,7 +67,7 @@ def test_likelihood_ratios_are_those_worked_by_hand(evidence, expected):
 
 def test_the_bound_is_the_same_for_all_places_of_a_frame():
     cells, none = np.array([20.0, 17.0, 5.0, -40.0]), np.zeros(4)
-    evidence = Evidence(cells, none, FAR, np.zeros(4, bool), 0.0, 0.01, 1.0)
+    evidence = Evidence(cells, none, FAR, np.zeros(4, bool), 0.0, 0.01, 1.0, 1.0)
     first, second, third, fourth = Likelihood().log_ratios(evidence)
     assert first == pytest.approx(-math.log(ALL), abs=1e-3)
     assert first - second == pytest.approx(3, abs=1e-3)  # the cells tell them apart
@@ -67,7 +78,7 @@ def test_the_log_ratio_falls_by_a_quarter_per_place_from_a_better_one():
     apart = FAR.copy()
     apart[0, 1] = apart[1, 0] = 2
     cells, none = np.array([5.0, -1.0, -1.0, 5.0]), np.zeros(4)
-    evidence = Evidence(cells, none, apart, np.zeros(4, bool), 0.0, 0.01, 1.0)
+    evidence = Evidence(cells, none, apart, np.zeros(4, bool), 0.0, 0.01, 1.0, 1.0)
     first, beside, far, last = Likelihood().log_ratios(evidence)
     assert first == last and beside == pytest.approx(first - 0.5)
     assert far == pytest.approx(math.log(0.9 * math.exp(-1) + 0.1))
@@ -77,7 +88,7 @@ def test_the_log_ratio_falls_by_a_quarter_per_place_from_a_better_one():
 def test_only_evidence_for_a_place_is_weighted(weight):
     cells, none = np.array([3.0, -3.0, 0.0, 0.0]), np.zeros(4)
     whole, weighted = (
-        Likelihood().log_ratios(Evidence(cells, none, FAR, np.zeros(4, bool), 0.0, 0.01, one))
+        Likelihood().log_ratios(Evidence(cells, none, FAR, np.zeros(4, bool), 0.0, 0.01, 1.0, one))
         for one in (1.0, weight)
     )
     assert weighted[0] == weight * whole[0] and weighted[1] == whole[1] < -1
@@ -98,7 +109,7 @@ def test_leads_are_measured_against_the_strongest_and_the_best_rival():
 def test_without_rivals_the_score_lead_is_relative_to_the_best_place():
     leads = Likelihood().leads(np.array([120.0, 30.0]), np.array([0.3, 0.1]), np.zeros(2, bool))
     assert leads.strength.tolist() == pytest.approx([2 * 120**0.5, 2 * 30**0.5])
-    assert leads.score.tolist() == pytest.approx([0, -25])
+    assert leads.score.tolist() == [0, -5]  # at most 5 scales
 
 
 def test_the_gaps_between_rivals_are_the_scale_of_later_leads():

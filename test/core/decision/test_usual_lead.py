@@ -12,7 +12,7 @@ import pytest
 
 USUAL = (0, 2, 4, 6, 8)
 ENDING = 0.004  # share of copies, per step
-LEAST = 2 * 1**0.5  # twice the root of the blocks that chance gives
+LEAST = 2 * 2**0.5  # twice the root of the blocks that chance gives
 NEW, OURS = np.array([False]), np.array([True])  # a place of an earlier drive, of the running one
 
 
@@ -24,7 +24,7 @@ def first(likeliest):
 
 def said(lead, likeliest):
     """Return the log ratio of a lead: normal about a usual one, or about 0 elsewhere."""
-    ratios = [math.exp((lead**2 - (lead - one) ** 2) / (2 * 1.4**2)) for one in USUAL]
+    ratios = [math.exp((lead**2 - (lead - one) ** 2) / (2 * 1.6**2)) for one in USUAL]
     return math.log(0.999 * (first(likeliest) @ ratios) + 0.001)
 
 
@@ -37,10 +37,10 @@ def asked(blocks, near=(), usual=None, difference=0.0):
 
 
 def test_a_places_keypoints_lead_those_of_the_others_or_the_chance_level():
-    both = asked({1: 25, 2: 6.25})  # twice the roots: 10 and 5
-    assert (both[1].lead, both[2].lead) == (5, -5)
-    assert both[1].ratio == pytest.approx(said(5, 6))
-    assert both[2].ratio == pytest.approx(said(-5, 6)) and both[2].ratio < -6
+    both = asked({1: 25, 2: 9})  # twice the roots: 10 and 6
+    assert (both[1].lead, both[2].lead) == (4, -4)
+    assert both[1].ratio == pytest.approx(said(4, 6))
+    assert both[2].ratio == pytest.approx(said(-4, 6)) and both[2].ratio < -6
     few, alone = asked({1: 25, 2: 1}), asked({1: 25})
     assert few[1].ratio == alone[1].ratio == pytest.approx(said(10 - LEAST, 6))
     assert asked({}) == {}
@@ -70,7 +70,7 @@ def test_two_places_that_both_exceed_chance_are_no_rivals():
 
 
 def test_places_near_each_other_are_no_rivals():
-    three = {1: 5, 2: 4, 3: 3}  # none leads over chance enough
+    three = {1: 9, 2: 8, 3: 7}  # none leads over chance enough
     leads = {place: one.lead for place, one in asked(three, near=[(1, 3)]).items()}
     roots = {place: 2 * count**0.5 for place, count in three.items()}
     assert leads[1] == pytest.approx(roots[1] - roots[2])
@@ -128,9 +128,9 @@ def test_a_silent_lead_keeps_its_probability_after_a_thousand_matches():
 
 def test_ratios_of_a_lead_are_those_worked_by_hand():
     assert ratios_of(0.0) == pytest.approx(
-        [1, *(math.exp(-(one**2) / 3.92) for one in USUAL[1:]), 1]
+        [1, *(math.exp(-(one**2) / 5.12) for one in USUAL[1:]), 1]
     )
-    assert ratios_of(4.0)[2] == pytest.approx(math.exp(16 / 3.92))
+    assert ratios_of(4.0)[2] == pytest.approx(math.exp(16 / 5.12))
 
 
 @given(st.floats(-40, 40), st.floats(0, 2), st.floats(0, 1))
