@@ -152,15 +152,15 @@ def test_places_become_usable_once_more_than_20_scenes_were_passed_since(
     assert mapping.usable == expected[-1] + 1
 
 
-def test_a_new_session_makes_all_of_the_map_the_past():
+def test_a_new_session_begins_at_the_end_of_the_map_and_the_last_places_stay_recent():
     mapping, reference_map, _ = grown(range(1, 5))
     mapping.follow(5)
     assert mapping.usable == 0
     mapping.reset()
-    assert mapping.session_start == mapping.usable == 4
+    assert (mapping.session_start, mapping.usable) == (4, 0)
     mapping.follow(6)
     mapping.add(Frame(0, GRAY), DESCRIPTOR)
-    for scenes, usable in ((26, 4), (27, 5)):
+    for scenes, usable in ((21, 0), (22, 1), (26, 4), (27, 5)):
         mapping.follow(scenes)
         assert mapping.usable == usable
     assert len(reference_map) == 5
