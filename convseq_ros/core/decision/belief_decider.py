@@ -154,7 +154,7 @@ class BeliefDecider:
 
     def _is_left(self, place: int, query: Query) -> bool:
         """
-        Return whether the robot leaves a place of its drive, which is in view ever since.
+        Return whether the robot leaves a place of its drive, which has been in view ever since.
 
         The oldest frame of the buffer then shows it more than the newest one; a robot that
         returns sees it better than before. Without cells, it is not known.

@@ -36,8 +36,9 @@ class FrameGate:
     """
     Selects frames that differ enough in scene, time and pose, while the robot moves.
 
-    In a map that grows, it also counts the scenes that the drive has passed: the keyframes that
-    the default spacing selects, whatever the spacing is. A reset does not change that number.
+    In a map that grows, it also counts the scenes that the drive has passed: of the keyframes that
+    the default spacing selects, whatever the spacing is, those of a changed view. A reset does not
+    change that number.
     """
 
     def __init__(

@@ -13,6 +13,6 @@ class Scenes:
         self._last: Glance | None = None  # of the last scene
 
     def count(self, edges: Glance | None) -> None:
-        """Take in a keyframe: a new scene, unless its glance is as near as one at standstill."""
+        """Take in a keyframe; it is a new scene if its glance is far from that of the last one."""
         if edges is None or self._last is None or distance(edges, self._last) > GLANCE.moved:
             self.passed, self._last = self.passed + 1, edges

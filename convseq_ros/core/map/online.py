@@ -34,8 +34,8 @@ def link(links: Links, place: int, match: Match | None) -> None:
 class RECENT:
     """Which places of the running drive are too recent to be matched."""
 
-    # Keyframes by the default spacing that the drive must be past a place, so laps of 5 s and of
-    # 5 h are the same. Drives that never return have no match with 20; 40 is no safer.
+    # Keyframes by the default spacing (scenes) that the drive must be past a place, so laps of 5 s
+    # and of 5 h are the same. Drives that never return have no match with 20; 40 is no safer.
     keyframes: int = 20
 
 
