@@ -27,8 +27,9 @@ class GLANCE:
     memory: int = 3  # keyframes it is learned from; with 1, it errs from a share of 0.7 on
     again: float = 0.07  # largest distance to a frame that was found near, for a robot that waits
     # Frames closer than this to the last keyframe are near, however little overlap noise leaves.
-    # Noise of 10 levels moves a picture of 160 x 120 px by .28, of 20 levels one of 320 x 240 px
-    # by .25. Keyframes are further apart: 99 % of those of laps, all of other drives.
+    # Noise of 10 levels moves a picture of 160 x 120 px by up to .28, of 15 levels one of
+    # 320 x 240 px by up to .22. Keyframes are further apart: 98 % of those of laps, and all of 12
+    # other drives.
     noise: float = 0.28
     # Twice the largest distance in 262 pairs of images with an overlap of 98.5 %: with noise, 3 %
     # to 100 % of the light, and shifts of up to 4 pixels.
