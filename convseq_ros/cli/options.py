@@ -38,11 +38,11 @@ def add_verb(
 
 
 def add_max_looks(parser: Any, keeps_all: bool = True) -> None:
-    """Add the option `--max-looks`; its default keeps all looks, or as many as online mode."""
+    """Add the option `--max-looks`; its default keeps all stretches, or as many as online mode."""
     (item,) = (item for item in parameters(OnlineConfig) if item.name == 'max_looks')
     default = 0 if keeps_all else item.default
-    help_ = 'maximum number of keyframes that a place keeps; similar ones go first; 0 keeps all; '
-    help_ += f'default: {default}'
+    help_ = 'maximum number of stretches, of 16 keyframes, that a place keeps; similar ones go '
+    help_ += f'first; 0 keeps all; default: {default}'
     parser.add_argument('--max-looks', type=item.parse, default=default, metavar='N', help=help_)
 
 

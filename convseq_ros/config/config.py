@@ -122,8 +122,9 @@ class OnlineConfig(Checked):
         'places to it.', choices=('preloaded', 'online'),
     )
     max_looks: int = parameter(
-        8, 'Online mode keeps at most this many keyframes of one place and deletes the one most '
-        'similar to another; 0 keeps all.', unit='looks', low=0, high=100,
+        8, 'Online mode keeps at most this many stretches of 16 keyframes that show one place, '
+        'and deletes the one most similar to another; 0 keeps all.',
+        unit='stretches', low=0, high=100,
     )
 
     @property

@@ -38,8 +38,8 @@ class MapBuilder:
 
     With `links`, each place is matched with the earlier ones, as in online mode, and linked to
     those that it shows; without, or without cells, nothing is recognised. All keyframes are kept
-    unless `max_looks` limits the looks of a place. `describe`, from an image to a vector, is the
-    map's descriptor model, if any.
+    unless `max_looks` limits the stretches of a place. `describe`, from an image to a vector, is
+    the map's descriptor model, if any.
     """
 
     def __init__(
@@ -64,14 +64,14 @@ class MapBuilder:
         else:
             self._autosave = NoAutosave(ReferenceMap(encoding, keyframes=keyframes))
         self.reference_map = self._autosave.reference_map
-        is_matched = links and encoding.keeps_cells
-        blind = is_matched and not has_keypoints(self.reference_map)
+        is_recognising = links and encoding.keeps_cells
+        blind = is_recognising and not has_keypoints(self.reference_map)
         self.problem = without_keypoints(path, not blind, config)  # of the map as it was found
         self._recognizer = PlaceRecognizer(
             self.reference_map,
             config,
             describe=describe,
-            mapping=OnlineMap(self.reference_map, config, name, frame, is_matched),
+            mapping=OnlineMap(self.reference_map, config, name, frame, is_recognising),
             order=AnyOrder(),  # all frames are one session, whatever their stamps
         )
 

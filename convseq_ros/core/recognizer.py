@@ -145,7 +145,7 @@ class PlaceRecognizer:
         # 3. A descriptor model describes the keyframe as well (ours).
         descriptor = self.first_stage.add(frame, verdict.descriptor)
         self.model_ms = self.first_stage.duration_ms
-        if not self.mapping.is_matched:
+        if not self.mapping.is_recognising:
             self.mapping.add(frame, descriptor)
             return self._as_match(frame, Answer(self.mapping.nothing_usable))
         # 4. III-A: it joins the rolling buffer; dropped ones leave empty slots.

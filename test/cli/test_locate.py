@@ -93,7 +93,7 @@ def test_an_image_that_is_not_recognised_gets_an_answer(place_map, tmp_path, cap
     cv2.imwrite(str(tmp_path / 'black.png'), np.zeros((120, 160), np.uint8))
     assert main(['locate', str(tmp_path / 'black.png'), '--map', str(path), *SETTINGS]) == 0
     assert capsys.readouterr().out == (
-        'lost: too few frames: none that shows anything new was seen\n'
+        'lost: no keyframe yet: move the robot, so that the image changes\n'
     )
 
 

@@ -45,7 +45,7 @@ def built(drive, tmp_path_factory):
         ('info MAP', False),
     ],
 )
-def test_a_map_without_keypoints_is_told_where_they_would_be_asked(
+def test_a_command_that_would_ask_keypoints_warns_of_a_map_without_any(
     built, drive, tmp_path, capsys, command, asks, name
 ):
     if 'fleet' in command:

@@ -151,7 +151,7 @@ def test_stopping_finishes_the_item_at_hand_and_leaves_the_rest(busy, gate):
     assert handled == [0]
 
 
-def test_an_item_that_was_handled_is_let_go_before_the_next_comes():
+def test_a_worker_that_waits_keeps_no_item_alive():
     class Item:
         pass
 

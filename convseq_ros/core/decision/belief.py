@@ -20,24 +20,22 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import constants, Doubles, Flags, Indices
 import numpy as np
 
-_WIDEST = 20.0  # places; a larger sigma of the motion is cut off at 3 times this
-
 
 @constants
 class BELIEF:
     """Engineering; only `jumping` was measured (docs/NOTES.md)."""
 
-    # Shares of mass that move, per keyframe.
-    # Of elsewhere: enters the map, evenly over its places. As much of copies ends ...
-    entering: float = 0.004
-    # ... and of what is lost, at a start or where a session ends: as likely in the map as not,
-    # but so little at a place that no frame decides alone.
+    # Shares of mass, per keyframe.
+    entering: float = 0.004  # of elsewhere: enters the map, evenly; of copies: they end
+    # Of what is lost, at a start or where a session ends: enters earlier drives, but so little at
+    # a place that no frame decides alone.
     lost: float = 0.5
-    # Of each place: leaves the map. As much of all: anywhere in the map, if the robot is moved or
-    # odometry fails.
+    # Of each place: leaves the map; of all: enters, as a robot may be moved, or odometry fail.
     jumping: float = 5e-4
-    looks: float = 0.1  # of a place: moves to the other keyframes of the same place
-    least: float = 1e-9  # of all; a place with less mass is dropped
+    sharing: float = 0.1  # of a place: moves to its other looks
+    shares_from: float = 1e-3  # mass from which on a place shares
+    widest: float = 20.0  # places; a larger sigma of the motion is cut off at 3 times this
+    least: float = 1e-9  # mass below which a place is dropped
 
 
 class Belief:
@@ -110,7 +108,7 @@ class Belief:
         places, mass, states = self._with_looks(usable)
         velocities, columns = np.nonzero(mass > BELIEF.least)
         moved, sigmas = (values[velocities, columns] for values in self.motion.moved(places))
-        reach = math.ceil(3 * min(sigmas.max(initial=0.0), _WIDEST))
+        reach = math.ceil(3 * min(sigmas.max(initial=0.0), BELIEF.widest))
         near = np.rint(moved)[:, None] + np.arange(-reach, reach + 1)
         weights = np.exp(-0.5 * ((near - moved[:, None]) / sigmas[:, None]) ** 2)
         weights *= (mass[velocities, columns] / weights.sum(axis=1))[:, None]
@@ -180,12 +178,12 @@ class Belief:
         """
         places, mass = self.places, np.vstack((self._mass, self._states))
         of_velocities = len(self._mass)
-        strong = np.flatnonzero(self._mass.sum(axis=0) > 1e-3)
+        strong = np.flatnonzero(self._mass.sum(axis=0) > BELIEF.shares_from)
         shared = dict[int, Doubles]()
         for column in strong.tolist():
             looks = [look for look in self._map.links.looks(int(places[column])) if look < usable]
             if looks:
-                share = BELIEF.looks * mass[:, column]
+                share = BELIEF.sharing * mass[:, column]
                 mass[:, column] -= share
                 for look in looks:
                     shared[look] = shared.get(look, 0.0) + share / len(looks)

@@ -36,7 +36,7 @@ class Localizer:
 
     def reset(self) -> None:
         self.localization = Localization(
-            problem='too few frames: none that shows anything new was seen'
+            problem='no keyframe yet: move the robot, so that the image changes'
         )
         self._reasons: Counter[Reason] = Counter()  # of the frames since the robot was lost
 

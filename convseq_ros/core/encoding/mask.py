@@ -46,5 +46,6 @@ def without_path(encoding: EncodingConfig) -> EncodingConfig:
     if encoding.image_mask.startswith('#') or not encoding.image_mask:
         return encoding
     raise ConfigError(
-        f'image_mask: {encoding.image_mask} is a file; read it, and use `view.masked`'
+        f'image_mask: {encoding.image_mask} is a file; use `masked(config, read_mask(config))` of '
+        'core.encoding.mask and io.mask_file'
     )

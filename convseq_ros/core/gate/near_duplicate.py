@@ -91,7 +91,7 @@ class NearDuplicate:
         """Take in a result of the slower test; a far frame becomes the new reference."""
         if not is_near:
             if self._last is not None:
-                # A far frame right after predictions: they may have gone too far.
+                # Without a tested near frame, predictions may have gone too far: learn less.
                 self._learned.append(self._furthest or self._most)
             self._last, self._near, self._furthest = edges, None, 0.0
         elif edges is not None and self._last is not None:

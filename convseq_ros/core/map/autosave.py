@@ -67,8 +67,8 @@ class Autosave(NoAutosave):
     continues when the file is back. A file that was cut short or overwritten is given up.
 
     `append` is that of `MapWriter`. A new file without places is deleted at the end, unless
-    `keeps_empty`. At the end no place keeps more than `max_looks` looks; 0 is no limit. MapError
-    if another owner has the map, it cannot be written, or `MapWriter` refuses it.
+    `keeps_empty`. At the end no place keeps more than `max_looks` stretches; 0 is no limit.
+    MapError if another owner has the map, it cannot be written, or `MapWriter` refuses it.
     """
 
     def __init__(
@@ -148,7 +148,7 @@ class Autosave(NoAutosave):
 
     @property
     def has_surplus(self) -> bool:
-        """Whether a place has more looks than `max_looks`."""
+        """Whether a place has more stretches than `max_looks`."""
         return bool(Pruning(self.reference_map, self._max_looks).surplus)
 
     def _run(self) -> None:

@@ -48,14 +48,14 @@ def _state(saved: ReferenceMap) -> object:
 
 
 def pruned(path: Path, opened: ReferenceMap, max_looks: int) -> ReferenceMap:
-    """Return a map with at most `max_looks` looks of a place: the same map if it has no more."""
+    """Return a map with at most `max_looks` stretches of a place: the same if it has no more."""
     surplus = Pruning(opened, max_looks).surplus
     return joined(without(slices_of(path, opened), surplus)) if surplus else opened
 
 
 def prune_looks(path: Path, max_looks: int, progress: Progress = iter) -> int:
     """
-    Keep at most `max_looks` looks of each place in a map file; return how many places it lost.
+    Keep at most `max_looks` stretches of each place in a map file; return how many places it lost.
 
     The file is replaced in one step or not at all; MapError as for `write_new`.
     """

@@ -43,7 +43,7 @@ class PreloadedMap:
     """A map that does not grow: all of its places may be matched."""
 
     nothing_usable = Reason.NO_MAP  # the reason of a frame while no place may be matched
-    is_matched = True  # whether frames are matched with its places at all, or only added
+    is_recognising = True  # whether frames are matched with its places at all, or only added
 
     def __init__(self, reference_map: ReferenceMap) -> None:
         self._map = reference_map
@@ -72,7 +72,7 @@ class OnlineMap(PreloadedMap):
     """
     A map that grows by the frames of this session; recent places may not be matched.
 
-    Without `is_matched` no place may be: nothing is recognised, so that maps are built sooner.
+    Without `is_recognising` no place may be: nothing is recognised, so that maps are built sooner.
     """
 
     nothing_usable = Reason.RECENT
@@ -83,9 +83,9 @@ class OnlineMap(PreloadedMap):
         config: Config,
         name: str = '',
         frame: str = '',
-        is_matched: bool = True,
+        is_recognising: bool = True,
     ) -> None:
-        self.is_matched = is_matched
+        self.is_recognising = is_recognising
         self._name, self._frame = name, frame or None  # name of the session, frame of its poses
         self._pruning = Pruning(reference_map, config.online.max_looks)
         keyframes = config.keyframes

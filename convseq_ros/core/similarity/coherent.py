@@ -16,7 +16,7 @@ from math import isqrt
 from typing import Any
 
 from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, Regions, thinned
-from convseq_ros.core.similarity.pair_score import PairScore, QueryRegions, Scores
+from convseq_ros.core.similarity.pair_score import Foreground, PairScore, Scores
 from convseq_ros.core.types import constants, Descriptor, Doubles, Floats, Indices
 import cv2
 import numpy as np
@@ -121,7 +121,7 @@ class CoherentPair(PairScore):
 
     normalize: Callable[[Cells], Cells]
     project: Callable[..., Regions]
-    subtract: Callable[[Regions, Regions | None], QueryRegions]
+    subtract: Callable[[Regions, Regions | None], Foreground]
     # The layouts of a query and of a reference (regions (N, 32) and their blocks); then their
     # scores: for each reference the `coherent_score`, its shift and the global similarity.
     laid_out: Callable[[CoherentQuery], Any]
@@ -134,7 +134,7 @@ class CoherentPair(PairScore):
         self.rough = copy(self)
         self.rough.step = COHERENT.rough_step
 
-    def extract(self, query: Descriptor, least_bits: float, regions: QueryRegions | None) -> Any:
+    def extract(self, query: Descriptor, least_bits: float, regions: Foreground | None) -> Any:
         whole, blocks = regions or (self.project(query.cells, 1), None)
         if (salient := extract(query, least_bits, whole, self.step)) is None:
             return None

@@ -13,7 +13,7 @@ import numpy as np
 # Scores (n,) in [0, 1], and shifts (n, 2), rows and columns in cells, if the kernel has them.
 Scores = tuple[Floats, Doubles | None]
 # Regions (N, 32) less the background, and their blocks; None without a background.
-QueryRegions = tuple[Regions, Any]
+Foreground = tuple[Regions, Any]
 
 
 @constants
@@ -40,12 +40,12 @@ class PairScore:
     # if the kernel cannot subtract a background.
     normalize: Callable[[Cells], Cells] | None = None
     project: Callable[..., Regions] | None = None
-    subtract: Callable[[Regions, Regions | None], QueryRegions] | None = None
+    subtract: Callable[[Regions, Regions | None], Foreground] | None = None
     # From the features of a reference to its regions (N, 32).
     regions_of: Callable[[Any], Regions] | None = None
     rough: 'PairScore | None' = None  # a kernel of rough scores, for 1/16 of the work
 
-    def extract(self, query: Descriptor, least_bits: float, regions: QueryRegions | None) -> Any:
+    def extract(self, query: Descriptor, least_bits: float, regions: Foreground | None) -> Any:
         """
         Return the features of a query; None if it is not informative.
 

@@ -170,7 +170,7 @@ def test_a_frame_denied_by_cells_and_keypoints_is_rejected_despite_high_confiden
     assert {match.localization.state for match in sure} == {LocalizationState.LOCALISED}
 
 
-def test_a_person_before_the_camera_is_no_place_and_the_drive_then_goes_on(frames, pictured):
+def test_a_person_before_the_camera_is_no_place_and_ends_no_drive(frames, pictured):
     before, after = range(10, 16), range(46, 52)
     shown = frames([*before, *range(1000, 1030), *after], 1)
     recognizer = PlaceRecognizer(pictured, OWN)

@@ -42,7 +42,7 @@ class Robot:
 def test_the_localizer_starts_lost_and_gives_the_reason():
     robot = Robot()
     assert robot.localizer.localization.state is LOST
-    assert 'too few frames' in robot.localizer.localization.problem
+    assert 'no keyframe yet' in robot.localizer.localization.problem
     assert 'more make a sequence' in robot.sees(None, None, Reason.WARMING_UP).problem
     told = robot.sees(7, 0.05, Reason.AMBIGUOUS, others=(90,))
     assert told.state is LOST and told.problem == 'ambiguous between place 7 and place 90'

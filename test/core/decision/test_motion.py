@@ -35,7 +35,7 @@ def test_without_odometry_places_move_by_each_velocity_for_every_keyframe(a_map,
     )
 
 
-def test_one_drive_in_a_hundred_goes_backwards_and_with_both_directions_one_in_two(a_map):
+def test_backward_velocities_have_1_percent_and_half_with_both_directions(a_map):
     for both, share in ((False, 0.01), (True, 0.5)):
         model = MotionModel(a_map(3), both, ERROR)
         assert model.prior.sum() == pytest.approx(1)

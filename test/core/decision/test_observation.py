@@ -24,7 +24,7 @@ NONE = 10**9  # places from here on are of this drive: none
 SHOWN = {30: 100.0}  # strength of the place that the frame shows; that of others is 25
 
 
-class Shown:
+class Pairs:
     """Stands in for a buffer and a matcher: scores of pairs, and strengths of verified ones."""
 
     def __init__(self, scores, strengths, usual=25.0, entropy=1.0):
@@ -129,11 +129,11 @@ def looked(reference_map, buffer, masses=None, start=NONE, told=None, listed=Non
 
 def ratio(reference_map, told=None, place=30, masses=None, **how):
     """Return the log ratio of a place if the frame shows place 30."""
-    return looked(reference_map, Shown(scored(), SHOWN), masses, told=told, **how)[1][place]
+    return looked(reference_map, Pairs(scored(), SHOWN), masses, told=told, **how)[1][place]
 
 
 def test_the_place_that_the_frame_shows_gains_and_the_others_lose(a_map):
-    observation, ratios = looked(a_map(100), Shown(scored(), SHOWN))
+    observation, ratios = looked(a_map(100), Pairs(scored(), SHOWN))
     assert observation.has_rivals and observation.asked == {} and observation.keypoints is None
     # A lead of 10 in twice the roots and of half a scale; by chance it lies there 9 in 100 times.
     total = 0.9 * math.exp(-2.0 + 0.5 * 10 + 0.5 * 0.5) * 100 / 9 + 0.1
@@ -149,7 +149,7 @@ def test_the_place_that_the_frame_shows_gains_and_the_others_lose(a_map):
 
 
 def test_the_strongest_place_of_a_large_map_lies_there_by_chance_less_often(a_map):
-    small, large = Shown(scored(), {30: 50.0}), Shown(scored(), {30: 50.0})
+    small, large = Pairs(scored(), {30: 50.0}), Pairs(scored(), {30: 50.0})
     few = looked(a_map(100), small)[1]
     many = looked(a_map(100), large, usable=400)[1]
     assert few[30] + 0.5 < many[30] < few[30] + math.log(4)
@@ -157,7 +157,7 @@ def test_the_strongest_place_of_a_large_map_lies_there_by_chance_less_often(a_ma
 
 
 def test_a_place_that_the_belief_predicted_gains_less(a_map):
-    buffer = Shown(scored(), {30: 40.0})
+    buffer = Pairs(scored(), {30: 40.0})
     new = looked(a_map(100), buffer)[1][30]
     expected = looked(a_map(100), buffer, {29: 0.3, 60: 0.3})[1][30]
     predicted = looked(a_map(100), buffer, {29: 0.6})[1][30]
@@ -170,7 +170,7 @@ def test_a_place_that_the_belief_predicted_gains_less(a_map):
 
 def test_keypoints_verify_the_strongest_distinct_places_and_the_likeliest_one(a_map):
     told = Told({30: 60})
-    buffer = Shown(scored(), {30: 100.0, 31: 90.0, 60: 80.0, 80: 70.0, 90: 60.0})
+    buffer = Pairs(scored(), {30: 100.0, 31: 90.0, 60: 80.0, 80: 70.0, 90: 60.0})
     observation, _ = looked(a_map(100), buffer, {50: 0.2}, told=told)
     assert told.places == [30, 60, 80, 50]
     assert [*observation.asked] == told.places and observation.asked[30].lead == pytest.approx(
@@ -183,7 +183,7 @@ def test_keypoints_verify_the_strongest_distinct_places_and_the_likeliest_one(a_
 def test_keypoints_are_not_used_where_the_belief_is_sure_and_cells_agree(a_map):
     def asked(masses, strength):
         told = Told({})
-        looked(a_map(100), Shown(scored(), {30: strength}), masses, told=told)
+        looked(a_map(100), Pairs(scored(), {30: strength}), masses, told=told)
         return bool(told.places)
 
     assert not asked({30: 0.991}, 100.0)
@@ -196,7 +196,7 @@ def test_keypoints_that_agree_raise_a_place_and_its_neighbours(a_map):
     cells = ratio(a_map(100))
     told = Told({30: 60})
     assert ratio(a_map(100), told) > cells + 0.1  # next to the bound
-    weak = Shown(scored(), {30: 40.0})
+    weak = Pairs(scored(), {30: 40.0})
     cells = looked(a_map(100), weak)[1]
     both = looked(a_map(100), weak, told=told)[1]
     assert both[30] > cells[30] + 1.5 and both[32] > cells[32] + 1.5
@@ -208,7 +208,7 @@ def test_keypoints_that_agree_raise_a_place_and_its_neighbours(a_map):
 @pytest.mark.parametrize('place', [30, 28])
 def test_keypoints_deny_the_place_that_cells_show_only_where_they_repeat(a_map, place):
     there = Told({30: 4, 60: 80})  # the strongest by keypoints is another
-    buffer = Shown(scored(), {30: 50.0, 60: 36.0, 50: 30.0})
+    buffer = Pairs(scored(), {30: 50.0, 60: 36.0, 50: 30.0})
     cells = looked(a_map(100), buffer)[1]
     alike = looked(a_map(100), buffer, told=there)[1]
     assert cells[place] > 0.3 > 0 > alike[place] and alike[60] > cells[60] + 3
@@ -222,14 +222,14 @@ def test_keypoints_deny_the_place_that_cells_show_only_where_they_repeat(a_map, 
 
 def test_a_place_without_keypoints_is_judged_by_cells(a_map):
     observation, ratios = looked(
-        a_map(100), Shown(scored(), SHOWN), told=Told({30: None, 50: None})
+        a_map(100), Pairs(scored(), SHOWN), told=Told({30: None, 50: None})
     )
     assert [*observation.asked] == [60]
     assert ratios[30] == ratio(a_map(100)) and ratios[50] == ratio(a_map(100), place=50)
 
 
 def test_two_places_that_keypoints_recognise_do_not_deny_each_other(a_map):
-    buffer = Shown(scored(), {30: 50.0, 60: 36.0})
+    buffer = Pairs(scored(), {30: 50.0, 60: 36.0})
     alone = looked(a_map(100), buffer, told=Told({30: 60}))[1]
     both = looked(a_map(100), buffer, told=Told({30: 60, 60: 64}))[1]
     assert both[30] == pytest.approx(alone[30], abs=0.1) and both[60] > alone[60] + 5
@@ -238,7 +238,7 @@ def test_two_places_that_keypoints_recognise_do_not_deny_each_other(a_map):
 def test_keypoints_verify_the_likeliest_place_unless_one_beside_it_is_verified(a_map):
     def asked(likeliest):
         told = Told({30: 60, 33: 20})
-        return looked(a_map(100), Shown(scored(), SHOWN), {likeliest: 0.2}, told=told)
+        return looked(a_map(100), Pairs(scored(), SHOWN), {likeliest: 0.2}, told=told)
 
     assert 32 not in asked(32)[0].asked
     observation, ratios = asked(33)
@@ -252,7 +252,7 @@ def test_keypoints_verify_the_likeliest_place_unless_one_beside_it_is_verified(a
 
 def test_keypoints_that_deny_a_place_deny_four_places_to_either_side(a_map):
     told = Told({30: 60, 50: 4})
-    buffer = Shown(scored(), {30: 100.0, 50: 90.0})
+    buffer = Pairs(scored(), {30: 100.0, 50: 90.0})
     for place, is_denied in ((46, True), (45, False)):
         masses = {30: 0.3, place: 0.2}  # place 30 is the likeliest
         before = looked(a_map(100), buffer, masses)[1]
@@ -262,7 +262,7 @@ def test_keypoints_that_deny_a_place_deny_four_places_to_either_side(a_map):
 
 def test_a_place_that_is_not_verified_has_as_little_as_the_nearest_verified_one(a_map):
     masses = {30: 0.4, 65: 0.3, 61: 0.05, 64: 0.05}  # the two likeliest are verified
-    buffer = Shown(scored(), {30: 100.0, 60: 90.0})
+    buffer = Pairs(scored(), {30: 100.0, 60: 90.0})
     observation, ratios = looked(a_map(100), buffer, masses, told=Told({30: 60, 60: 4}))
     assert {60, 65} <= {*observation.verified} and not {61, 64} & {*observation.verified}
     assert ratios[61] == ratios[60] < -4  # keypoints deny it, and so the place beside it
@@ -271,7 +271,7 @@ def test_a_place_that_is_not_verified_has_as_little_as_the_nearest_verified_one(
 
 def test_looks_are_no_rivals(a_map):
     whole = a_map(50, 50)
-    buffer = Shown(scored(), {30: 100.0, 80: 100.0})
+    buffer = Pairs(scored(), {30: 100.0, 80: 100.0})
     # Either may be the strongest, and leads nothing; the chance of 9 in 100 still counts.
     before = looked(whole, buffer)[1][30]
     whole.links.add(80, 30)
@@ -283,14 +283,14 @@ def test_without_enough_rivals_no_place_gains(a_map, count):
     scores = np.full(count, 0.05)
     scores[0] = 0.5
     told = Told({0: 200})
-    observation, ratios = looked(a_map(count), Shown(scores, {0: 900.0}), {0: 0.5}, told=told)
+    observation, ratios = looked(a_map(count), Pairs(scores, {0: 900.0}), {0: 0.5}, told=told)
     assert not observation.has_rivals and max(ratios.values()) <= 0
 
 
 def test_the_first_frames_of_a_drive_are_compared_with_more_places(a_map):
     listed, counts = Listed(range(100), 100), []
     listed.best = lambda _, newest: counts.append(newest) or np.arange(100)
-    buffer = Shown(scored(), SHOWN)
+    buffer = Pairs(scored(), SHOWN)
     comparer = Comparer(listed, buffer, Neighbourhood(a_map(100)), 40)
     for _ in range(COMPARED.first_frames + 1):
         comparer.compare(buffer, 100, [])
@@ -302,7 +302,7 @@ def test_the_first_frames_of_a_drive_are_compared_with_more_places(a_map):
 
 
 def test_only_the_best_places_by_rough_score_and_predicted_ones_are_scored(a_map):
-    buffer = Shown(scored(), SHOWN)
+    buffer = Pairs(scored(), SHOWN)
     comparer = Comparer(Listed(range(100), 100), buffer, Neighbourhood(a_map(100)), 40)
     comparer.compare(buffer, 100, [])
     assert len(buffer.scored) == COMPARED.first_scored
@@ -313,12 +313,12 @@ def test_only_the_best_places_by_rough_score_and_predicted_ones_are_scored(a_map
 
 
 def test_a_frame_without_scores_gives_no_evidence(a_map):
-    observation, ratios = looked(a_map(30), Shown(np.full(30, np.nan), {}), {3: 0.5})
+    observation, ratios = looked(a_map(30), Pairs(np.full(30, np.nan), {}), {3: 0.5})
     assert ratios == {3: 0.0} and not observation.has_rivals
 
 
 def test_a_frame_without_features_gives_no_evidence(a_map):
-    blank = Shown(scored(), SHOWN)
+    blank = Pairs(scored(), SHOWN)
     blank.newest.features = None
     observation, ratios = looked(a_map(100), blank, {3: 0.5})
     assert ratios == {3: 0.0} and not observation.has_rivals and not observation.verified
@@ -326,7 +326,7 @@ def test_a_frame_without_features_gives_no_evidence(a_map):
 
 def test_a_repeated_image_adds_no_evidence(a_map):
     first, second = (
-        looked(a_map(100), Shown(scored(), SHOWN), novelty=new)[1] for new in (1.0, 0.0)
+        looked(a_map(100), Pairs(scored(), SHOWN), novelty=new)[1] for new in (1.0, 0.0)
     )
     assert first[30] > 1 and second[30] == 0
     assert second[60] == first[60] < 0
@@ -337,7 +337,7 @@ def test_an_image_below_the_entropy_threshold_gives_less_evidence_for_places(
     a_map, entropy, share
 ):
     whole, less = (
-        looked(a_map(100), Shown(scored(), SHOWN, entropy=bits))[1] for bits in (1.0, entropy)
+        looked(a_map(100), Pairs(scored(), SHOWN, entropy=bits))[1] for bits in (1.0, entropy)
     )
     assert less[30] == pytest.approx(share * whole[30])
     assert less[60] == whole[60] < 0
@@ -346,7 +346,7 @@ def test_an_image_below_the_entropy_threshold_gives_less_evidence_for_places(
 def test_without_a_threshold_of_entropy_all_images_count_alike(a_map):
     config = with_values(Config(), {'entropy_threshold': 0.0})
     blank, full = (
-        looked(a_map(100), Shown(scored(), SHOWN, entropy=bits), config=config)[1]
+        looked(a_map(100), Pairs(scored(), SHOWN, entropy=bits), config=config)[1]
         for bits in (0.0, 1.0)
     )
     assert blank == full
@@ -373,7 +373,7 @@ def test_ratios_are_finite_and_bounded_for_any_input(
     masses = dict(zip(believed, rng.dirichlet(np.ones(len(believed))).tolist(), strict=True))
     told = Told(dict(enumerate(rng.integers(0, 257, count).tolist())))
     listed = np.sort(rng.permutation(count)[:40])
-    buffer = Shown(scores, strengths, step)
+    buffer = Pairs(scores, strengths, step)
     observation, _ = looked(
         a_map(count), buffer, masses, start, told, listed, difference=difference
     )

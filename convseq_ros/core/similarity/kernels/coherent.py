@@ -35,7 +35,7 @@ from convseq_ros.core.similarity.kernels.panels import (
     ROWS,
     tiled,
 )
-from convseq_ros.core.similarity.pair_score import QueryRegions
+from convseq_ros.core.similarity.pair_score import Foreground
 from convseq_ros.core.types import Floats
 import numpy as np
 import numpy.typing as npt
@@ -67,7 +67,7 @@ def normalized(cells: Cells) -> Cells:
     return result
 
 
-def less_background(regions: Regions, background: Regions | None) -> QueryRegions:
+def less_background(regions: Regions, background: Regions | None) -> Foreground:
     """Return the definition's `less_background`, to 1e-6."""
     if background is None:
         return regions, None

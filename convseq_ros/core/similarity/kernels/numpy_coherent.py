@@ -16,7 +16,7 @@ from convseq_ros.core.similarity.coherent import (
     region_blocks,
     Wide,
 )
-from convseq_ros.core.similarity.pair_score import QueryRegions
+from convseq_ros.core.similarity.pair_score import Foreground
 from convseq_ros.core.types import constants, Doubles, Indices, Shift
 import cv2
 import numpy as np
@@ -46,7 +46,7 @@ def normalized(cells: Cells) -> Cells:
     return blended / (blended + typical) if typical else blended
 
 
-def less_background(regions: Regions, background: Regions | None) -> QueryRegions:
+def less_background(regions: Regions, background: Regions | None) -> Foreground:
     """Return regions (N, 32) less a background, at unit length, and their blocks."""
     if background is None:
         return regions, None
@@ -112,14 +112,14 @@ class NumpyCoherent(CoherentPair):
     def laid_out(self, query: CoherentQuery) -> CoherentQuery:
         return query
 
-    def packed(self, regions: Regions, blocks: Blocks | None) -> QueryRegions:
+    def packed(self, regions: Regions, blocks: Blocks | None) -> Foreground:
         return regions, blocks
 
-    def regions_of(self, reference: QueryRegions) -> Regions:
+    def regions_of(self, reference: Foreground) -> Regions:
         return reference[0]
 
     def scores(
-        self, query: CoherentQuery, wide: Wide | None, references: Sequence[QueryRegions]
+        self, query: CoherentQuery, wide: Wide | None, references: Sequence[Foreground]
     ) -> Compared:
         scores = (coherent_score(query, regions, WINDOWS[self.step]) for regions, _ in references)
         shares, shifts = zip(*scores, strict=True)
