@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result table."""
 
+from unittest.mock import Mock
+
 from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.types import (
     Anchor,
@@ -116,9 +118,7 @@ def test_an_error_at_the_end_names_the_file(tmp_path, monkeypatch):
     table = ResultWriter(tmp_path / 'result.csv', COLUMNS)
     table.write(row(ACCEPTED, 1.0))
 
-    def full(*_):
-        raise OSError(28, 'No space left on device')
-
+    full = Mock(side_effect=OSError(28, 'No space left on device'))
     monkeypatch.setattr('convseq_ros.io.results.os.replace', full)
     with pytest.raises(OSError, match=r'No space left.*result.csv.part'):
         table.close()

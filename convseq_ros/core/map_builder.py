@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Building a map from frames, and linking an existing map, both by means of online mode."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -156,18 +156,14 @@ def problem_of_linking(name: object, unlinked: ReferenceMap) -> str:
     return without_keypoints(name, not not_linked(unlinked) or has_keypoints(unlinked), Config())
 
 
-def link_map(
-    unlinked: ReferenceMap, config: Config = Config(), sessions: Sequence[range] | None = None
-) -> Iterator[int]:
+def link_map(unlinked: ReferenceMap, config: Config = Config()) -> Iterator[int]:
     """
-    Look up the places of sessions among earlier places, and link them; yield each place's index.
+    Look up the places of sessions `not_linked` among earlier ones, and link them; yield each.
 
-    By default these are the sessions `not_linked`. The results are those of online mode on the
-    same drives, except that every region of a stored place counts as salient. Other threads may
-    read the map meanwhile.
+    The results are those of online mode on the same drives, except that every region of a stored
+    place counts as salient. Other threads may read the map meanwhile.
     """
-    sessions = not_linked(unlinked) if sessions is None else sessions
-    if not sessions:
+    if not (sessions := not_linked(unlinked)):
         return
     driven = _as_driven(unlinked)
     online = replace(config.online, mode='online')

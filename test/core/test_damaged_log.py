@@ -35,6 +35,10 @@ def ended(request, tmp_path_factory):
     return folder / 'left', 3 + request.param
 
 
+def flip(data, at):
+    data[at] ^= 16
+
+
 def damaged(ended, tmp_path, change):
     shutil.copytree(ended[0], tmp_path / 'map')
     path = tmp_path / 'map' / 'map.db'
@@ -50,12 +54,9 @@ def damaged(ended, tmp_path, change):
     'open_it', [MapReader, lambda path: MapWriter(path, ENCODING, APART, True)]
 )
 def test_damage_that_commits_follow_is_reported(ended, tmp_path, at, open_it):
-    def flip(data):
-        data[at] ^= 16
-
     if at >= 32 and ended[1] == 4:
         pytest.skip('a damaged last commit is passed over')
-    path = damaged(ended, tmp_path, flip)
+    path = damaged(ended, tmp_path, lambda data: flip(data, at))
     before = path.with_name('map.db-wal').read_bytes()
     with pytest.raises(MapError, match=r'map\.db-wal: damaged at byte \d+; .* opens without them'):
         open_it(path)
@@ -64,12 +65,9 @@ def test_damage_that_commits_follow_is_reported(ended, tmp_path, at, open_it):
 
 @pytest.mark.parametrize('at', [-1, -FRAME, 32, 32 + FRAME])
 def test_a_damaged_last_commit_is_passed_over_like_half_a_commit(ended, tmp_path, at):
-    def flip(data):
-        data[at] ^= 16
-
     if at >= 0 and ended[1] > 4:
         pytest.skip('commits follow')
-    path = damaged(ended, tmp_path, flip)
+    path = damaged(ended, tmp_path, lambda data: flip(data, at))
     assert len(MapReader(path)) == (ended[1] - 1 if ended[1] > 4 else 2)
 
 

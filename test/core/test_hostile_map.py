@@ -5,6 +5,7 @@
 import os
 import signal
 import sqlite3
+from unittest.mock import Mock
 
 from convseq_ros.core.map import crash_recovery
 from convseq_ros.core.map import database as limits
@@ -235,10 +236,8 @@ def test_the_journal_of_the_old_map_does_not_spoil_the_one_that_replaces_it(cras
 
 
 def test_the_old_map_is_mended_before_its_journal_goes(crashed, monkeypatch):
-    def fail(*_):
-        raise OSError(28, 'No space left on device')
-
-    monkeypatch.setattr('os.replace', fail)
+    full = Mock(side_effect=OSError(28, 'No space left on device'))
+    monkeypatch.setattr('os.replace', full)
     with pytest.raises(MapError, match='No space left on device'):
         save_map(drawn(30), crashed)
     assert holds(crashed) == 20 and not crashed.with_name('map.db-journal').exists()

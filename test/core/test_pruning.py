@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps keep so many looks of a place: which go, that nothing else does, and what is said of it."""
 
+from unittest.mock import Mock
+
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, make_config
 from convseq_ros.core.map.edit import prune_looks
@@ -139,10 +141,8 @@ def test_a_removal_that_fails_leaves_the_map_as_it_is(path, monkeypatch):
     save_map(driven([0, 1, 0, 1]), path)
     was = path.read_bytes()
 
-    def fail(*_):
-        raise OSError(28, 'No space left on device')
-
-    monkeypatch.setattr('os.replace', fail)
+    full = Mock(side_effect=OSError(28, 'No space left on device'))
+    monkeypatch.setattr('os.replace', full)
     pipeline = Pipeline(path, make_config({'mode': 'online', 'image_size_px': 64, 'max_looks': 2}))
     assert path.read_bytes()[:64] and len(pipeline.recognizer.reference_map) == 4 * ROUND
     assert [one for one in pipeline.ignored if one.startswith('max_looks is ignored: ')]

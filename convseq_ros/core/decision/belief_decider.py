@@ -7,7 +7,7 @@ import math
 from convseq_ros.config import Config
 from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.comparison import Comparer
-from convseq_ros.core.decision.decider import Answer, candidate, distinct_peaks, Query
+from convseq_ros.core.decision.decider import Answer, candidate, Decider, distinct_peaks, Query
 from convseq_ros.core.decision.evidence import evidence_length, novelty
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import strength_of, UNVERIFIED
@@ -30,7 +30,7 @@ import numpy as np
 _DENIED = math.exp(UNVERIFIED) / 2
 
 
-class BeliefDecider:
+class BeliefDecider(Decider):
     """
     One step of a Bayes filter per keyframe: predict, observe, update, decide.
 

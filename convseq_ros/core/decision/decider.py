@@ -4,7 +4,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
@@ -44,18 +43,20 @@ def candidate(
     return Candidate(index, place.stamp_ns, score, inliers=inliers, session=place.session)
 
 
-class Decider(Protocol):
+class Decider:
     """Decides frame by frame: `PaperDecider`, as the paper does, or `BeliefDecider`."""
 
     @property
     def odometry_jumps(self) -> int:
         """How many steps of odometry were left out, since no robot can have made them."""
+        return 0
 
     def follow(self, frame: Frame, config: Config) -> None:
         """Take in the odometry of the next frame, also if it is no keyframe."""
 
     def decide(self, query: Query) -> Answer:
         """Return the places that the newest frame may show, and whether the best is a match."""
+        raise NotImplementedError
 
     def reset(self) -> None:
         """Forget the drive."""

@@ -29,10 +29,10 @@ class Neighbourhood:
     def __init__(self, graph: Graph) -> None:
         self._graph = graph
 
-    def ranges(self, index: int, distance: int = LINKS.neighbour_radius) -> list[range]:
-        """Return the ranges of places within a distance of a place and of each of its looks."""
+    def ranges(self, index: int) -> list[range]:
+        """Return the ranges of places near a place and near each of its looks."""
         looks = (index, *self._graph.links.looks(index))
-        return [self._graph.bounds.around(look, distance) for look in looks]
+        return [self._graph.bounds.around(look, LINKS.neighbour_radius) for look in looks]
 
     def mask(self, places: Indices, index: int, distance: int = LINKS.neighbour_radius) -> Flags:
         """Return which of `places` (n,) are near a place or one of its looks."""

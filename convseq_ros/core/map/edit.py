@@ -99,8 +99,10 @@ def unlink(path: Path, places: Collection[int] | None = None) -> int:
     with _changed_links(path) as opened:
         links = opened.links
         left = opened.links = Links(opened.bounds.around)
-        for place, link, is_unlinked in links.since(0, len(opened)) if places is not None else ():
-            if is_unlinked or (link and place in (places or ())):
+        if places is None:
+            return len(links)
+        for place, link, is_unlinked in links.since(0, len(opened)):
+            if is_unlinked or (link and place in places):
                 left.add_unlinked(place)
             elif link:
                 left.add(place, link.other, link.confidence, link.inliers, link.relative)

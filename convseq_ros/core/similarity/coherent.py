@@ -141,12 +141,9 @@ class CoherentPair(PairScore):
         wide = None if blocks is None or self.step > 1 else widened(blocks, salient.side)
         return self.laid_out(salient), wide
 
-    def thinned(self, background: Regions | None) -> Regions | None:
-        """Return the background of the regions that are compared, every `step`-th."""
-        return None if background is None else thinned(background, self.step)
-
     def prepare(self, cells: Cells, background: Regions | None) -> Any:
-        regions, blocks = self.subtract(self.project(cells, self.step), self.thinned(background))
+        behind = None if background is None else thinned(background, self.step)
+        regions, blocks = self.subtract(self.project(cells, self.step), behind)
         return self.packed(regions, blocks if self.step == 1 else None)
 
     def compare(

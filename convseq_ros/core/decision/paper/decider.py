@@ -3,18 +3,18 @@
 """The paper's decision: the best diagonal is a match if it leads its rivals by a margin."""
 
 from convseq_ros.config import AcceptanceConfig, Config
-from convseq_ros.core.decision.decider import Answer, candidate, distinct_peaks, Query
+from convseq_ros.core.decision.decider import Answer, candidate, Decider, distinct_peaks, Query
 from convseq_ros.core.decision.paper.length import choose_length
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.similarity.overlap import PaperSimilarity
-from convseq_ros.core.types import Candidates, Doubles, Flags, Frame, Indices, Reason
+from convseq_ros.core.types import Candidates, Doubles, Flags, Indices, Reason
 import numpy as np
 
 
-class PaperDecider:
+class PaperDecider(Decider):
     """
-    Scores k frames against k places in a row, at the velocity of the map (III-D, III-G).
+    Scores k frames against k places in a row, at the map's velocity, without odometry (III-D, G).
 
     Notes
     -----
@@ -24,8 +24,6 @@ class PaperDecider:
 
     """
 
-    odometry_jumps = 0  # it does not use odometry
-
     def __init__(self, reference_map: ReferenceMap, coarse: AllPlaces, config: Config) -> None:
         self._map, self._coarse = reference_map, coarse
         self._listed = config.matching.shortlist_length
@@ -34,12 +32,6 @@ class PaperDecider:
 
     def reset(self) -> None:
         self._coarse.reset()
-
-    def follow(self, _frame: Frame, _config: Config) -> None:
-        """Do nothing: this decider does not use odometry."""
-
-    def use_matches_of(self, _other: object) -> None:
-        """Do nothing: this decider does not use odometry."""
 
     def decide(self, query: Query) -> Answer:
         """Return the best places by their sequence scores."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from convseq_ros.core.compiled import address, Array, DOUBLE, FLOAT, INT, kernel, library, SIZE
 from convseq_ros.core.encoding.kernels import axes, project
-from convseq_ros.core.encoding.regions import Cells, REGION, Regions, regions_in_a_row
+from convseq_ros.core.encoding.regions import Cells, REGION, Regions, regions_in_a_row, thinned
 from convseq_ros.core.map.place import Packed, PACKED_UNIT
 from convseq_ros.core.similarity.coherent import (
     Blocks,
@@ -120,7 +120,7 @@ class CompiledCoherent(CoherentPair):
         count, each = side**2, REGION.numbers * (1 if self._scale else 4)
         room = rounded_up(count, COLUMNS) * each
         if background is not None:
-            background = np.ascontiguousarray(self.thinned(background), np.float32)
+            background = np.ascontiguousarray(thinned(background, self.step), np.float32)
             if self.step == 1:
                 block = GLOBAL_SIMILARITY.block
                 behind = (-(-side // block)) ** 2 * REGION.numbers * 4
