@@ -23,7 +23,7 @@ from convseq_ros.core.compiled import available, library
 from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.comparison import COMPARED
-from convseq_ros.core.decision.keypoint_witness import KeypointWitness
+from convseq_ros.core.decision.light import Light
 from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Observer
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
@@ -56,7 +56,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     'preparing places': ((FeatureCache, '_made'),),
     'pair scores': ((FeatureCache, 'scores_of'),),
     'verification': ((Matcher, 'verified'),),
-    'keypoints': ((Observer, '_asked'), (KeypointWitness, 'difference')),
+    'keypoints': ((Observer, '_asked'), (Light, 'difference')),
     'observation ratios': ((Observer, 'observe'),),
     'belief': (
         (MotionModel, 'move'),

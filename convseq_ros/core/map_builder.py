@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Self
 
 from convseq_ros.config import Config, EVERY_FRAME, MotionConfig
-from convseq_ros.core.decision.keypoint_witness import has_keypoints, without_keypoints
 from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
@@ -17,6 +16,7 @@ from convseq_ros.core.gate.stamp_order import AnyOrder
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
 from convseq_ros.core.map.image_coding import decode_jpeg
+from convseq_ros.core.map.kept_keypoints import has_keypoints, without_keypoints
 from convseq_ros.core.map.online import link, OnlineMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer

@@ -9,9 +9,9 @@ from pathlib import Path
 from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
-from convseq_ros.core.decision.keypoint_witness import has_keypoints, without_keypoints
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
+from convseq_ros.core.map.kept_keypoints import has_keypoints, without_keypoints
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError

@@ -15,10 +15,10 @@ from typing import Any
 from convseq_ros.config import Config
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
-from convseq_ros.core.decision.keypoint_witness import without_keypoints
 from convseq_ros.core.encoding.first_stage import Describe, vector_length, with_first_stage
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.format import MapSession
+from convseq_ros.core.map.kept_keypoints import without_keypoints
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import CoarseScores

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.decision.keypoint_witness import has_keypoints
 from convseq_ros.core.map.format import MapSession
+from convseq_ros.core.map.kept_keypoints import has_keypoints
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.retrieval.whitening import Statistics, sums_of, WhitenedReferences

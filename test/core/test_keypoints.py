@@ -8,6 +8,7 @@ import sqlite3
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config, with_values
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
+from convseq_ros.core.decision.light import Light
 from convseq_ros.core.decision.usual_lead import UsualLead
 from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.descriptor import describe
@@ -261,42 +262,42 @@ def test_a_brightness_is_of_a_coarse_grid():
 
 @pytest.mark.parametrize('light', [1.0, 0.93, 0.6, 0.2])
 def test_the_difference_of_light_is_that_of_the_logarithms_of_brightness(walled, light):
-    witness = KeypointWitness(walled, 300)
-    differences = [witness.difference(one, SHOWN, 12) for one in frames(12, light)]
+    seen = Light(walled, True)
+    differences = [seen.difference(one, SHOWN, 12) for one in frames(12, light)]
     # The logarithm is of four levels more than the brightness, which is 80 to 120 here.
     assert differences[-1] == pytest.approx(-math.log(light), abs=0.06)
 
 
 def test_the_light_of_a_drive_is_its_mean_and_a_reset_forgets_it(walled):
-    witness = KeypointWitness(walled, 300)
+    seen = Light(walled, True)
     (dark,), (light,) = frames(1, 0.5), frames(1)
-    first = witness.difference(dark, SHOWN, 12)
+    first = seen.difference(dark, SHOWN, 12)
     assert first == pytest.approx(math.log(2), abs=0.06)
-    assert witness.difference(light, SHOWN, 12) == pytest.approx(first / 2, abs=0.06)
-    assert witness.difference(Frame(1, None), SHOWN, 12) == pytest.approx(first / 2, abs=0.06)
-    witness.reset()
-    assert witness.difference(light, SHOWN, 12) < 0.06
+    assert seen.difference(light, SHOWN, 12) == pytest.approx(first / 2, abs=0.06)
+    assert seen.difference(Frame(1, None), SHOWN, 12) == pytest.approx(first / 2, abs=0.06)
+    seen.reset()
+    assert seen.difference(light, SHOWN, 12) < 0.06
 
 
 def test_without_thumbnails_or_images_the_light_is_unknown(walled):
     bare = build_map(
         frames(3), None, replace(OWN, keyframes=replace(EVERY_FRAME, thumbnail_width_px=0))
     )
-    assert KeypointWitness(bare, 300).difference(frames(1)[0], SHOWN, 3) == math.inf
-    assert KeypointWitness(walled, 300).difference(Frame(0, None), SHOWN, 12) == math.inf
-    assert KeypointWitness(walled, 0).difference(frames(1)[0], SHOWN, 12) == math.inf
+    assert Light(bare, True).difference(frames(1)[0], SHOWN, 3) == math.inf
+    assert Light(walled, True).difference(Frame(0, None), SHOWN, 12) == math.inf
+    assert Light(walled, False).difference(frames(1)[0], SHOWN, 12) == math.inf
 
 
 def test_the_light_difference_is_updated_as_the_map_grows():
     grown = ReferenceMap(SMALL)
     dim, light = frames(2, 0.5), frames(12)
-    witness, descriptor = KeypointWitness(grown, 300), describe(walls(1)[0], SMALL)
+    seen, descriptor = Light(grown, True), describe(walls(1)[0], SMALL)
     for frame in dim:
         grown.add_frame(frame, descriptor, 64)
-    assert witness.difference(light[0], SHOWN, 2) > 0.6
+    assert seen.difference(light[0], SHOWN, 2) > 0.6
     for frame in light:
         grown.add_frame(frame, descriptor, 64)
-    assert witness.difference(light[0], SHOWN, 14) < 0.15
+    assert seen.difference(light[0], SHOWN, 14) < 0.15
 
 
 def answers(values):
@@ -355,10 +356,10 @@ def test_a_damaged_thumbnail_is_left_out_of_the_light(walled, monkeypatch):
 
     thumbnail = walled.thumbnail
     monkeypatch.setattr(walled, 'thumbnail', damaged)
-    assert KeypointWitness(walled, 300).difference(frames(1)[0], SHOWN, 12) < 0.06
+    assert Light(walled, True).difference(frames(1)[0], SHOWN, 12) < 0.06
 
 
 def test_without_keypoints_the_light_is_not_read(walled, monkeypatch):
     monkeypatch.delattr(type(walled), 'thumbnail')
-    witness = KeypointWitness(walled, 0)
-    assert witness.difference(frames(1)[0], SHOWN, 12) == math.inf and not witness.knows(3)
+    seen = Light(walled, False)
+    assert seen.difference(frames(1)[0], SHOWN, 12) == math.inf

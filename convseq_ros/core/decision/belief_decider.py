@@ -10,6 +10,7 @@ from convseq_ros.core.decision.comparison import Comparer
 from convseq_ros.core.decision.decider import Answer, candidate, Decider, distinct_peaks, Query
 from convseq_ros.core.decision.evidence import evidence_length, novelty
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
+from convseq_ros.core.decision.light import Light
 from convseq_ros.core.decision.likelihood import strength_of, UNVERIFIED
 from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Observation, Observer
@@ -48,10 +49,12 @@ class BeliefDecider(Decider):
         self._belief = Belief(reference_map, MotionModel(reference_map, both, error), self._usual)
         self._jumps = OdometryJumps()
         self._prior = OdometryPrior(reference_map, robot, config.online.grows)
-        self._witness = KeypointWitness(reference_map, config.keyframes.keypoints)
+        keypoints = config.keyframes.keypoints
+        self._light = Light(reference_map, bool(keypoints))
+        witness = KeypointWitness(reference_map, keypoints)
         self._comparer = Comparer(coarse, matcher, self._near, matching.shortlist_length)
         self._matcher = matcher
-        self._observer = Observer(self._comparer, matcher, self._near, self._witness)
+        self._observer = Observer(self._comparer, matcher, self._near, witness)
 
     @property
     def odometry_jumps(self) -> int:
@@ -63,7 +66,7 @@ class BeliefDecider(Decider):
         self._usual.reset()
         self._comparer.reset()
         self._observer.reset()
-        self._witness.reset()
+        self._light.reset()
         self._prior.reset()
         self._jumps.reset()
 
@@ -81,7 +84,7 @@ class BeliefDecider(Decider):
     def decide(self, query: Query) -> Answer:
         """Return the likeliest places; the confidence is the mass of the first."""
         frame, belief, newest = query.frame, self._belief, query.buffer.newest.descriptor
-        self._usual.difference = self._witness.difference(frame, newest, query.usable)
+        self._usual.difference = self._light.difference(frame, newest, query.usable)
         if query.missing > BUFFER.longest_gap:
             belief.reset()
         pose = _used(frame.pose, query.config)
