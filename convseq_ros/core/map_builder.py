@@ -181,12 +181,6 @@ def link_map(unlinked: ReferenceMap, config: Config = Config()) -> Iterator[int]
 class _DrivenMap(OnlineMap):
     """A map whose places are passed again in order; they are linked, and none is added."""
 
-    def begin(self, start: int) -> None:
-        """Begin a session of the map by its first place."""
-        self.reset()
-        self.session_start = self._usable = self._first = start
-        self._passed_at.clear()
-
     def add(self, _frame: Frame, _descriptor: Descriptor, _match: Match | None = None) -> None:
         """Link the next place to the one that its match recognises."""
         link(self._map.links, self.session_start + len(self._passed_at), _match)

@@ -1,70 +1,19 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node's counters and state, on /diagnostics and in its log."""
+"""The node's counters and state, on /diagnostics."""
 
-from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 import time
 
-from convseq_ros.core.pipeline import Pipeline
-from convseq_ros.core.types import Match
 from convseq_ros.node.conversions import status_message
+from convseq_ros.node.counters import Counters
 from convseq_ros.node.qos import advertise, steady_timer
+from convseq_ros.node.situation import Situation
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
 _SILENCE_S = 3.0
-
-
-@dataclass(slots=True)
-class Counters:
-    """Counts since the start; each is changed by one thread alone."""
-
-    received: int = 0  # messages on the image topic
-    processed: int = 0  # frames that got an answer
-    unreadable: int = 0  # frames that could not be decoded
-    failed: int = 0  # frames that got no answer because of an error
-    write_failures: int = 0  # times that new places could not be written to the map file
-    # Monotonic time of the last message, or of the start.
-    last_arrival_ns: int = field(default_factory=time.monotonic_ns)
-    last_match: Match | None = None
-    latency_ms: float = 0.0  # of the last frame, from its arrival to its answer
-    duration_ms: float = 0.0  # of the last frame, without waiting
-    busy_ms: float = 0.0  # the work on all frames together
-    reasons: Counter[str] = field(default_factory=Counter)
-
-    def arrived(self, arrival_ns: int) -> None:
-        self.received += 1
-        self.last_arrival_ns = arrival_ns
-
-    def answered(self, match: Match, arrival_ns: int, duration_ms: float) -> None:
-        self.processed += 1
-        self.reasons[match.reason.value] += 1
-        self.last_match = match
-        self.duration_ms = duration_ms
-        self.busy_ms += duration_ms
-        self.latency_ms = (time.monotonic_ns() - arrival_ns) / 1e6
-
-
-@dataclass(frozen=True, slots=True)
-class Situation:
-    """The state of the node, besides its counters."""
-
-    ready: bool  # False while it warms up
-    enabled: bool  # False if frames are ignored on purpose
-    pipeline: Pipeline  # the map in use and its file
-    topic: str  # of the camera
-    dropped: int  # frames pushed out of the queue
-    odometry_heard: bool
-    further: Mapping[str, int | bool | float]  # other values on /diagnostics, by name
-    transform_problem: str = ''  # why map -> odom is not broadcast, although it is wanted
-    model_problem: str = ''  # why the map's descriptor_model is not used, if it failed
-    stamp_problem: str = ''  # of the images
-
-    @property
-    def map_size(self) -> int:
-        return len(self.pipeline.recognizer.reference_map)
 
 
 @dataclass(eq=False)

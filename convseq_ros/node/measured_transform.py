@@ -8,8 +8,8 @@ from threading import Lock
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.rigid import inverse, Matrix, matrix, turned_by
 from convseq_ros.core.types import constants, Frame, Match, PoseEstimate
-from convseq_ros.node.frame_context import OdometryListener
 from convseq_ros.node.map_to_odom import MapToOdom
+from convseq_ros.node.odometry_listener import OdometryListener
 import cv2
 import numpy as np
 from rclpy.node import Node

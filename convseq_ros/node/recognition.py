@@ -13,7 +13,7 @@ from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError, ImageError, ModelError, one_line, with_traceback
-from convseq_ros.node.diagnostics import Counters
+from convseq_ros.node.counters import Counters
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.map_linking import MapLinking
 from convseq_ros.node.once import Once

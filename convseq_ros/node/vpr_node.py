@@ -22,7 +22,8 @@ from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.models.onnx_model import open_model
-from convseq_ros.node.diagnostics import Counters, Diagnostics, Situation
+from convseq_ros.node.counters import Counters
+from convseq_ros.node.diagnostics import Diagnostics
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.image_subscription import image_subscriptions, QUEUE_BYTES
 from convseq_ros.node.life_cycle import ManagedNode, PATIENCE_S
@@ -36,6 +37,7 @@ from convseq_ros.node.qos import SERVICE_QOS
 from convseq_ros.node.recognition import Answered, Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.running import run_until_signal
+from convseq_ros.node.situation import Situation
 from convseq_ros.node.stamps import Stamps
 from convseq_ros.node.topic_finder import Change, TopicFinder
 from convseq_ros.node.worker import Worker

@@ -17,7 +17,7 @@ from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.io.results import read_results, ResultWriter
 from convseq_ros.node import diagnostics, progress_log
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.node.diagnostics import Counters
+from convseq_ros.node.counters import Counters
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.sources.raw_message import IMAGE, RawMessage

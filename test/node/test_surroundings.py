@@ -9,8 +9,8 @@ from unittest.mock import Mock
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Camera
-from convseq_ros.node import frame_context as module
-from convseq_ros.node.camera_description import Mount
+from convseq_ros.node import depth_images, odometry_listener
+from convseq_ros.node.camera_mount import Mount
 from convseq_ros.node.conversions import stamp_from_ns
 from convseq_ros.node.qos import LATCHED
 from nav_msgs.msg import Odometry
@@ -112,10 +112,10 @@ class Tracked:
 
     def __init__(self, monkeypatch, wait_s=0.05, publishers=1):
         self.subscription = Mock()
-        monkeypatch.setattr(module, 'FollowingSubscription', self.subscription)
+        monkeypatch.setattr(odometry_listener, 'FollowingSubscription', self.subscription)
         self.node = Mock()
         self.node.count_publishers.return_value = publishers
-        self.odometry = module.OdometryListener(self.node, wait_s)
+        self.odometry = odometry_listener.OdometryListener(self.node, wait_s)
         self.hear = self.subscription.call_args.args[3]
 
     def wait_for_pose(self, stamp_ns):
@@ -209,8 +209,8 @@ def heard(monkeypatch):
     """Return depth images that hear what the test says, and what says it."""
     subscription = Mock()
     subscription.return_value.topic = '/depth'
-    monkeypatch.setattr(module, 'FollowingSubscription', subscription)
-    images = module.DepthImages(Mock(), '/depth', 0.001, ReadingConfig())
+    monkeypatch.setattr(depth_images, 'FollowingSubscription', subscription)
+    images = depth_images.DepthImages(Mock(), '/depth', 0.001, ReadingConfig())
     return images, subscription.call_args.args[3]
 
 

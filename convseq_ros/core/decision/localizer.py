@@ -9,7 +9,7 @@ import math
 from convseq_ros.config import Config
 from convseq_ros.core.graph.neighbourhood import Neighbourhood
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Localization, LocalizationState, Match, Reason
+from convseq_ros.core.types import constants, Localization, LocalizationState, Match, Reason
 
 # Reasons of frames without information about the place.
 _SILENT = frozenset(
@@ -19,6 +19,14 @@ _SILENT = frozenset(
     }
 )  # fmt: skip
 _SURE = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
+
+
+@constants
+class LOCALISED:
+    """Least probabilities of the robot's place; engineering."""
+
+    stays: float = 0.5  # of a localised robot, near its last place
+    candidate: float = 0.1
 
 
 class Localizer:
@@ -56,11 +64,11 @@ class Localizer:
         was_localised = self.localization.state is LocalizationState.LOCALISED
         is_same = before is not None and place is not None and self._near.is_near(place, before)
         if was_localised:
-            least = 0.5 if is_same else math.inf
+            least = LOCALISED.stays if is_same else math.inf
         if place is not None and mass >= least:
             return Localization(LocalizationState.LOCALISED, quality, place)
         problem = self._problem(match)
-        if place is not None and mass >= 0.1:
+        if place is not None and mass >= LOCALISED.candidate:
             return Localization(LocalizationState.CANDIDATE, quality, place, problem)
         return Localization(problem=problem)
 

@@ -17,9 +17,14 @@ from convseq_ros.core.gate.near_duplicate import Glance, glance, NearDuplicate
 from convseq_ros.core.gate.scenes import Scenes
 from convseq_ros.core.gate.standstill import near, Standstill
 from convseq_ros.core.similarity.overlap import Overlap, PaperSimilarity
-from convseq_ros.core.types import Descriptor, Gray, Pose, Reason
+from convseq_ros.core.types import constants, Descriptor, Gray, Pose, Reason
 
-_EARLIEST = 0.9  # share of the interval between keyframes, as cameras are not exact
+
+@constants
+class KEYFRAME:
+    """Engineering."""
+
+    earliest: float = 0.9  # share of the interval between keyframes, as cameras are not exact
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +56,7 @@ class FrameGate:
         self._drops = FrameDropDetector(FRAME_DROPS.memory if by_image else 0)
         self._keyframes, self._by_scene = keyframes, keyframes.keyframe_overlap < 1.0
         self._near_duplicate = NearDuplicate()
-        self._interval_ns = round(_EARLIEST * keyframes.keyframe_interval_s * 1e9)
+        self._interval_ns = round(KEYFRAME.earliest * keyframes.keyframe_interval_s * 1e9)
         self._by_default: FrameGate | None = None  # counts scenes, if the spacing is another
         if config.online.grows and keyframes.spacing != KeyframeConfig().spacing:
             self._by_default = FrameGate(config, KeyframeConfig(), similarity)

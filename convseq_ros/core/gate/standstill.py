@@ -7,16 +7,21 @@ import math
 from convseq_ros.config import MotionConfig
 from convseq_ros.core.gate.near_duplicate import distance, GLANCE, Glance
 from convseq_ros.core.similarity.overlap import PaperSimilarity
-from convseq_ros.core.types import Descriptor, Pose
+from convseq_ros.core.types import constants, Descriptor, Pose
 
-_TURN_RAD = math.tau / 20  # smallest turn that counts as motion; chosen by experience
+
+@constants
+class NEAR:
+    """Engineering."""
+
+    turn_rad: float = math.tau / 20  # smallest turn that counts as motion
 
 
 def near(pose: Pose, other: Pose, distance_m: float) -> bool:
     """Return whether a pose is within a distance of another, and turned by less than 18°."""
     cosine = abs(sum(a * b for a, b in zip(pose.orientation, other.orientation, strict=True)))
     turn_rad = 2 * math.acos(min(cosine, 1.0))
-    return math.dist(pose.position, other.position) < distance_m and turn_rad < _TURN_RAD
+    return math.dist(pose.position, other.position) < distance_m and turn_rad < NEAR.turn_rad
 
 
 class Standstill:

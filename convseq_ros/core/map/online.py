@@ -91,10 +91,14 @@ class OnlineMap(PreloadedMap):
         keyframes = config.keyframes
         self._kept = keyframes.thumbnail_width_px, keyframes.keep_images_px, keyframes.keypoints
         self._is_frozen = False
-        self._usable = self._first = len(reference_map)  # first place that is added here
-        self._passed = 0
-        self._passed_at: list[int] = []  # by added place, of all sessions: scenes passed, with it
         super().__init__(reference_map)
+        self.begin(len(reference_map))
+
+    def begin(self, start: int) -> None:
+        """Begin a session by the index of its first place; all places before may be matched."""
+        self.reset()
+        self.session_start = self._usable = self._first = start
+        self._passed, self._passed_at = 0, list[int]()  # scenes: so far, and at each place
 
     def reset(self) -> None:
         """Begin a new session; places of the last one stay recent, as the robot goes on."""

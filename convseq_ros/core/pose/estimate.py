@@ -10,13 +10,17 @@ import math
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.pose.map_motion import NEIGHBOURS
 from convseq_ros.core.rigid import composed_covariance, Matrix, matrix, moved_covariance, pose_of
-from convseq_ros.core.types import Match, Pose, PoseEstimate, RelativePose, Row
+from convseq_ros.core.types import constants, Match, Pose, PoseEstimate, RelativePose, Row
 import numpy as np
 
-# Engineering, not studied.
-_SAME_SPOT_M = 1e-3  # places closer than this were taken by a robot that stood still
-_AS_GOOD = 0.9  # share of the place's pair score from which a neighbour is as good
-_UNKNOWN_TURN_RAD = 0.3  # standard deviation of the heading where the yaw is not known
+
+@constants
+class ESTIMATE:
+    """Engineering, not studied."""
+
+    same_spot_m: float = 1e-3  # places closer than this were taken by a robot that stood still
+    as_good: float = 0.9  # share of the place's pair score from which a neighbour is as good
+    unknown_turn_rad: float = 0.3  # sigma of the heading where the yaw is not known
 
 
 def estimate_pose(
@@ -57,7 +61,7 @@ def estimate_pose(
     covariance[:3, :3] += offsets.T @ offsets / len(offsets)
     covariance[5, 5] += (turns @ turns) / len(turns)
     if yaw_rad is None:
-        covariance[5, 5] += _UNKNOWN_TURN_RAD**2
+        covariance[5, 5] += ESTIMATE.unknown_turn_rad**2
     return PoseEstimate(turned(pose, yaw_rad or 0.0), covariance)
 
 
@@ -102,7 +106,7 @@ def _to_nearer_neighbour(places: Sequence[Place], index: int, here: Pose) -> Mat
     for side in _sides(places, index, len(places)):
         poses = (other for at in side if (other := places[at].pose))
         offsets = (np.subtract(other.position, here.position) for other in poses)
-        nearest += islice((one for one in offsets if math.hypot(*one) > _SAME_SPOT_M), 1)
+        nearest += islice((one for one in offsets if math.hypot(*one) > ESTIMATE.same_spot_m), 1)
     return min(nearest, key=lambda one: float(one @ one), default=np.zeros(3))
 
 
@@ -117,6 +121,6 @@ def _sides(places: Sequence[Place], index: int, count: int) -> Iterator[Iterator
 def _as_good(places: Sequence[Place], index: int, row: Row | None) -> Iterator[int]:
     """Yield the adjacent places that score nearly as well, up to the first that does not."""
     if row is not None and index < len(row) and row[index] > 0:
-        least = _AS_GOOD * float(row[index])
+        least = ESTIMATE.as_good * float(row[index])
         for side in _sides(places, index, len(row)):
             yield from takewhile(lambda at: float(row[at]) >= least, side)

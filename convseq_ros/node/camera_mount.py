@@ -1,0 +1,40 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the cameras of a robot are, by TF."""
+
+from typing import Any
+
+from convseq_ros.core.types import Pose
+from convseq_ros.sources.mount import as_parameter, mount_of, pose_of_transform
+from rclpy.node import Node
+from rclpy.time import Time
+
+
+class Mount:
+    """Poses of cameras on the robot, by TF if tf2_ros is installed; each is looked up once."""
+
+    def __init__(self, node: Node, base_frame: str) -> None:
+        self._logger, self._base_frame = node.get_logger(), base_frame
+        self._poses: dict[str, Pose] = {}
+        self._buffer: Any = None
+        try:
+            from tf2_ros import Buffer, TransformListener
+        except ImportError:
+            return
+        self._buffer = Buffer()
+        self._listener = TransformListener(self._buffer, node)
+
+    def of(self, optical_frame: str) -> Pose | None:
+        """Return the pose of an optical frame, turned to x along the lens; None if unknown."""
+        if optical_frame not in self._poses and self._buffer and optical_frame:
+            frames = self._base_frame, optical_frame, Time()
+            if self._buffer.can_transform(*frames):
+                transform = self._buffer.lookup_transform(*frames).transform
+                lens = pose_of_transform(transform)
+                if lens is not None:
+                    self._poses[optical_frame] = mount_of(lens)
+                    self._logger.info(
+                        f'camera_to_base is "{as_parameter(self._poses[optical_frame])}", as TF '
+                        f'places {optical_frame} in {self._base_frame}'
+                    )
+        return self._poses.get(optical_frame)

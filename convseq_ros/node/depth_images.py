@@ -1,0 +1,53 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The depth image of an image."""
+
+from collections import deque
+
+from convseq_ros.config.reading_config import ReadingConfig
+from convseq_ros.errors import ImageError, one_line
+from convseq_ros.node.following_subscription import FollowingSubscription
+from convseq_ros.node.listener import ListeningNode
+from convseq_ros.node.once import Once
+from convseq_ros.node.waiting import Waiting
+from convseq_ros.sources.depth import decode_depth, Depth, KEPT, nearest
+from convseq_ros.sources.raw_message import IMAGE, RawMessage
+from sensor_msgs.msg import Image
+
+
+class DepthImages:
+    """Listens to depth images, if a topic is given; counts unreadable and missing ones."""
+
+    def __init__(
+        self, node: ListeningNode, topic: str, wait_s: float, reading: ReadingConfig
+    ) -> None:
+        self.unreadable = self.missing = 0
+        self._once, self.reading = Once(node.get_logger()), reading
+        self._newest = deque[tuple[int, RawMessage]](maxlen=KEPT)
+        self.waiting = Waiting(wait_s)
+        self._topic = topic
+        if topic:
+            FollowingSubscription(node, Image, topic, self._on_depth, KEPT, raw=True)
+
+    def at(self, stamp_ns: int) -> Depth | None:
+        """Return the depth image of a time; None if there is none."""
+        with self.waiting.changed:
+            if not self._newest:
+                return None
+            self.waiting.wait_until(lambda: self._newest[-1][0] >= stamp_ns)
+            message = nearest(self._newest, stamp_ns)
+        if message is None:
+            self.missing += 1
+            return None
+        try:
+            return decode_depth(message.image(), self.reading)
+        except ImageError as error:
+            self.unreadable += 1
+            self._once.warn(f'{self._topic}: {one_line(error)}; its frame has no depth')
+            return None
+
+    def _on_depth(self, cdr: bytes) -> None:
+        message = RawMessage(0, IMAGE, cdr)
+        with self.waiting.changed:
+            self._newest.append((message.header_stamp_ns, message))
+            self.waiting.notify()

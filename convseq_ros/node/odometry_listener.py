@@ -1,0 +1,90 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The pose of the robot at the time of an image, by odometry."""
+
+from collections.abc import Callable
+from typing import Any
+
+from convseq_ros.core.types import Pose
+from convseq_ros.node.conversions import stamp_to_ns
+from convseq_ros.node.following_subscription import FollowingSubscription
+from convseq_ros.node.listener import ListeningNode
+from convseq_ros.node.waiting import Waiting
+from convseq_ros.sources.pose_track import LONGEST_GAP_NS, pose_from_message, PoseTrack
+from nav_msgs.msg import Odometry as OdometryMessage
+
+_DEPTH = 200  # messages of odometry that may wait
+_KEPT = 20_000
+_LOST_FRAMES = 20
+
+
+class OdometryListener:
+    """
+    Listens to `odom`, returns the pose at the stamp of an image, and counts images without.
+
+    An image often arrives before the odometry of its time, and waits for it: a pose interpolated
+    between two messages is the same as offline, an extrapolated one is a guess.
+    """
+
+    def __init__(self, node: ListeningNode, wait_s: float) -> None:
+        self.frame_id = ''
+        self.missing = 0
+        self.on_pose: Callable[[int, str], None] = lambda _stamp_ns, _frame_id: None
+        self._node = node
+        self._track = PoseTrack(kept=_KEPT)
+        self._lost_in_a_row = 0
+        self.waiting = Waiting(wait_s)
+        self._subscription = FollowingSubscription(
+            node, OdometryMessage, 'odom', self._on_odometry, _DEPTH
+        )
+
+    def follow(self, topic: str) -> None:
+        """Listen to another topic, and forget the poses so far."""
+        self._subscription.move(topic)
+        with self.waiting.changed:
+            self._track, self.frame_id = PoseTrack(kept=_KEPT), ''
+
+    def pose_at(self, stamp_ns: int) -> Pose | None:
+        """Return the pose at a time, for which this may wait; None if there is none."""
+        with self.waiting.changed:
+            if self.heard or self._node.count_publishers(self._subscription.topic):
+                self.waiting.wait_until(lambda: self._has_reached(stamp_ns))
+            pose = self._track.at(stamp_ns)
+            self._lost_in_a_row = 0 if pose else self._lost_in_a_row + 1
+            last_ns = self._track.last_stamp_ns
+        if pose is None and last_ns is not None:
+            self.missing += 1
+            if self._lost_in_a_row >= _LOST_FRAMES:
+                ahead_s = (last_ns - stamp_ns) / 1e9
+                self._node.get_logger().warning(
+                    f'{self._subscription.topic}: has no pose at the time of the images; its '
+                    f'newest stamp is {abs(ahead_s):.1f} s {"later" if ahead_s > 0 else "earlier"}'
+                    '; check that it comes and that both clocks agree',
+                    once=True,
+                )
+        return pose
+
+    @property
+    def heard(self) -> bool:
+        return self._track.last_stamp_ns is not None
+
+    def _has_reached(self, stamp_ns: int) -> bool:
+        """Return whether there is nothing more to wait for."""
+        last_ns = self._track.last_stamp_ns
+        return last_ns is not None and not 0 < stamp_ns - last_ns <= LONGEST_GAP_NS
+
+    def _on_odometry(self, message: Any) -> None:
+        stamp_ns = stamp_to_ns(message.header.stamp)
+        pose = pose_from_message(message.pose.pose)
+        if not stamp_ns or pose is None:
+            self._node.get_logger().warning(
+                f'{self._subscription.topic}: odometry without a stamp, or with values that are '
+                'not a pose, is left out',
+                once=True,
+            )
+            return
+        with self.waiting.changed:
+            self.frame_id = message.header.frame_id
+            self._track.add(stamp_ns, pose)
+            self.waiting.notify()
+        self.on_pose(stamp_ns, message.header.frame_id)

@@ -1,0 +1,28 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The state of the node, besides its counters."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from convseq_ros.core.pipeline import Pipeline
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What others are told of the node, besides its counters."""
+
+    ready: bool  # False while it warms up
+    enabled: bool  # False if frames are ignored on purpose
+    pipeline: Pipeline  # the map in use and its file
+    topic: str  # of the camera
+    dropped: int  # frames pushed out of the queue
+    odometry_heard: bool
+    further: Mapping[str, int | bool | float]  # other values on /diagnostics, by name
+    transform_problem: str = ''  # why map -> odom is not broadcast, although it is wanted
+    model_problem: str = ''  # why the map's descriptor_model is not used, if it failed
+    stamp_problem: str = ''  # of the images
+
+    @property
+    def map_size(self) -> int:
+        return len(self.pipeline.recognizer.reference_map)
