@@ -25,7 +25,7 @@ from convseq_ros.core.retrieval.coarse_scores import CoarseScores
 from convseq_ros.core.retrieval.whitening import statistics_of
 from convseq_ros.core.types import Descriptor, Floats, Row
 from convseq_ros.errors import FleetError
-from convseq_ros.fleet.shard import About, Call, Holder
+from convseq_ros.fleet.shard import About, Holder
 import numpy as np
 
 _TRIES = 3  # of a question, each with a new worker
@@ -48,7 +48,7 @@ class _Worker:
         until = time.monotonic() + timeout_s
         for _ in range(0 if self.problem else _TRIES):
             try:
-                return self._answer(until, Call(method, arguments))
+                return self._answer(until, method, arguments)
             except TimeoutError:
                 raise FleetError(f'a worker did not answer within {timeout_s:g} s') from None
             except Exception as error:
@@ -57,13 +57,13 @@ class _Worker:
         self.problem = self.problem or f'asked {_TRIES} workers in vain ({last})'
         return None
 
-    def _answer(self, until: float, call: Call) -> Any:
+    def _answer(self, until: float, method: str, arguments: tuple[Any, ...]) -> Any:
         if self.actor is None:
             wish = {'workers': [self.address], 'allow_other_workers': True}
             chosen = wish if self.address else {}
             self.future = self.client.submit(Holder, self.paths, actor=True, pure=False, **chosen)
             self.actor = self.future.result(timeout=max(0.0, until - time.monotonic()))
-        reply = self.actor.ask(call)
+        reply = getattr(self.actor, method)(*arguments)
         while True:
             try:
                 return reply.result(timeout=_LOOKED_AT_EVERY_S)

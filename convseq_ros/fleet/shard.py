@@ -55,14 +55,6 @@ class Shard:
         return self._map.pictures(indices, with_images)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Call:
-    """A method of a holder and its arguments, in one object that Dask does not take apart."""
-
-    method: str
-    arguments: tuple[Any, ...]
-
-
 class Holder:
     """The shards of one worker, in the fleet's order; an actor of Dask."""
 
@@ -73,9 +65,6 @@ class Holder:
                 self._shards[path] = Shard(Path(path))
             except (MapError, OSError) as error:
                 self._lost[path] = str(error)
-
-    def ask(self, call: Call) -> Any:
-        return getattr(self, call.method)(*call.arguments)
 
     def about(self) -> tuple[dict[str, About], dict[str, str]]:
         return {path: shard.about() for path, shard in self._shards.items()}, self._lost
