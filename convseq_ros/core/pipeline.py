@@ -44,7 +44,6 @@ class Pipeline:
         self.autosave, self._problem = _opened(path, config, make)
         reference_map = self.autosave.reference_map
         self.flush, self.close = self.autosave.flush, self.autosave.close
-        self.take_back = self.autosave.take_back
         try:
             self.cameras = Cameras(reference_map, config, sources, describe=describe)
         except BaseException:

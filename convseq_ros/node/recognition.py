@@ -99,7 +99,7 @@ class Recognition:
         if self._linking:
             self._linking.stop()
         try:
-            pipeline.take_back()
+            pipeline.autosave.take_back()
         except (ConvseqError, OSError) as error:
             self._failed_to_write(error, f'; the map keeps {added} places of other topics')
             added = 0
