@@ -10,6 +10,7 @@ import sys
 from typing import Any
 
 from convseq_ros import __version__
+from convseq_ros.cli.outputs import refuse_chosen_outputs
 from convseq_ros.cli.streams import discard, OUTPUT
 from convseq_ros.config.arguments import Parser, refuse_foreign
 from convseq_ros.errors import ConvseqError, printable
@@ -85,6 +86,7 @@ def _run(command: Any, name: str, arguments: list[str]) -> int:
     command.describe(parser)
     options = parser.parse_args(arguments)
     refuse_foreign(_words_of(options))
+    refuse_chosen_outputs(options)
     code = int(command.run(options))
     sys.stdout.flush()
     return code

@@ -17,6 +17,7 @@ from typing import Any
 from convseq_ros import __version__
 from convseq_ros.cli.map_picture import draw_map
 from convseq_ros.cli.options import warn
+from convseq_ros.cli.outputs import add_output
 from convseq_ros.cli.recording import describe_recording, recording_lines
 from convseq_ros.config.reading_config import add_reading, chosen_reading
 from convseq_ros.core.compiled import library
@@ -26,6 +27,7 @@ from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import printable
 from convseq_ros.evaluation.provenance import processor, version_of
+from convseq_ros.io.output_file import FIGURE
 from convseq_ros.sources.recording_names import is_recording_file
 import cv2
 import numpy as np
@@ -54,7 +56,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
     help_ = 'map or recording; it is not changed; without one: versions, kernels, processor'
     parser.add_argument('file', type=Path, nargs='?', help=help_)
     parser.add_argument('--json', action='store_true', help='print as JSON')
-    parser.add_argument('--picture', type=Path, metavar='FILE', help='draw a map and its links')
+    help_ = 'draw a map and its links'
+    add_output(parser, '--picture', kinds=FIGURE, metavar='FILE', help=help_)
     add_reading(parser)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.cli.options import add_config, chosen_config, warn
+from convseq_ros.cli.outputs import add_output
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -31,7 +32,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
     add('--map', type=Path, required=True, help='reference map')
     help_ = 'file that describes the camera (YAML of ROS, calib.txt of KITTI)'
     add('--camera-info', type=Path, metavar='FILE', help=help_)
-    add('--picture', type=Path, help='PNG to draw: the last image and its place')
+    help_ = 'PNG to draw: the last image and its place'
+    add_output(parser, '--picture', kinds=('.png',), help=help_)
     add('--json', action='store_true', help='print the answer as JSON')
     add_config(parser)
 

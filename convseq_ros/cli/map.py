@@ -11,6 +11,7 @@ import re
 from convseq_ros.cli import map_browse, map_link
 from convseq_ros.cli.info import describe_map, in_short
 from convseq_ros.cli.options import add_max_looks, add_verb, map_progress
+from convseq_ros.cli.outputs import add_output
 from convseq_ros.core.map.edit import (
     prune_looks,
     pruned,
@@ -22,6 +23,7 @@ from convseq_ros.core.map.edit import (
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.session_slice import chosen_slice, joined, SessionSlice, slices_of
 from convseq_ros.errors import MapError, NO_PLACES
+from convseq_ros.io.output_file import ANY
 
 _SESSION = 'name, number or id of a session, as `convseq info` shows it'
 _UNUSUAL = re.compile(r'[^\w.-]+')  # in the name of a file
@@ -48,7 +50,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
     add = add_verb(verbs, 'merge', _merge, 'put the sessions of several maps into one')
     add.add_argument('maps', type=Path, nargs='+', metavar='MAP', help='not changed')
-    add.add_argument('-o', '--output', type=Path, required=True, help='map file to make')
+    add_output(add, '-o', '--output', kinds=ANY, required=True, help='map file to make')
     add.add_argument(
         '--no-links', action='store_true', help='do not recognise the maps in each other: quicker'
     )

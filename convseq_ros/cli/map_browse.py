@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from convseq_ros.cli.options import note, progress, quoted_path, say
+from convseq_ros.cli.outputs import add_output
 from convseq_ros.cli.replay_report import place_text, session_lines
 from convseq_ros.config import Config
 from convseq_ros.core.graph.links import Link
@@ -19,6 +20,7 @@ from convseq_ros.errors import ConvseqError, MapError, printable
 from convseq_ros.evaluation.report.above import Arc, drawn_above
 from convseq_ros.evaluation.report.matches import MatchPage, Texts
 from convseq_ros.evaluation.report.pairs import Pair, pair_of_places
+from convseq_ros.io.output_file import PAGE
 from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.edges import edges_of
 from convseq_ros.pose_graph.optimisation import optimise
@@ -31,7 +33,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('map', type=Path, help='not changed')
     help_ = 'page to write; default: %(default)s'
-    parser.add_argument('-o', '--output', type=Path, default=Path('links.html'), help=help_)
+    add_output(parser, '-o', '--output', kinds=PAGE, default=Path('links.html'), help=help_)
 
 
 def run(chosen: argparse.Namespace) -> None:

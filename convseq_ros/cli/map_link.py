@@ -13,6 +13,7 @@ import sys
 
 from convseq_ros.cli.map_picture import draw_solved
 from convseq_ros.cli.options import map_progress, progress, warn
+from convseq_ros.cli.outputs import add_output
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.autosave import Autosave
@@ -25,6 +26,7 @@ from convseq_ros.core.map.session_slice import joined, SessionSlice, slices_of
 from convseq_ros.core.map_builder import link_map, not_linked, problem_of_linking
 from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import MapError, NO_PLACES, printable
+from convseq_ros.io.output_file import ANY, FIGURE
 from convseq_ros.io.regular_file import write_lines
 from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.edges import edges_of, Poses
@@ -39,12 +41,13 @@ def describe(parser: argparse.ArgumentParser) -> None:
     help_ = 'replace all links by new ones, but for those that `unlink` took out'
     parser.add_argument('--again', action='store_true', help=help_)
     add = parser.add_argument
-    add('--g2o', type=Path, metavar='FILE', help='write the graph of poses')
+    add_output(parser, '--g2o', metavar='FILE', help='write the graph of poses')
     help_ = 'write a map whose poses are in one frame'
-    add('-o', '--output', type=Path, metavar='MAP', help=help_)
-    add('--picture', type=Path, metavar='FILE', help='draw the drives before and after')
+    add_output(parser, '-o', '--output', kinds=ANY, metavar='MAP', help=help_)
+    help_ = 'draw the drives before and after'
+    add_output(parser, '--picture', kinds=FIGURE, metavar='FILE', help=help_)
     help_ = 'write the trajectory in one frame, in the format of TUM, as evo reads'
-    add('--tum', type=Path, metavar='FILE', help=help_)
+    add_output(parser, '--tum', metavar='FILE', help=help_)
     add('--json', action='store_true', help='print the links as JSON')
 
 

@@ -24,6 +24,7 @@ from convseq_ros.cli.options import (
     tells_what_is_kept,
     warn,
 )
+from convseq_ros.cli.outputs import add_output
 from convseq_ros.cli.processes import need_ros
 from convseq_ros.cli.replay_report import ReplayReport
 from convseq_ros.core.cameras import Cameras
@@ -32,6 +33,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.types import Frame, Match, Pose, Reason
 from convseq_ros.errors import MapError, printable
+from convseq_ros.io.output_file import PAGE
 from convseq_ros.io.results import ResultWriter
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.pose_graph.graph_file import write_tum
@@ -47,9 +49,9 @@ def describe(parser: argparse.ArgumentParser) -> None:
     help_ = (
         'also write the poses of accepted frames in the map, in the format of TUM, as evo reads'
     )
-    parser.add_argument('--tum', type=Path, metavar='FILE', help=help_)
+    add_output(parser, '--tum', metavar='FILE', help=help_)
     help_ = 'also write a page of what was matched, with pictures, for a browser'
-    parser.add_argument('--report', type=Path, metavar='PAGE.html', help=help_)
+    add_output(parser, '--report', kinds=PAGE, metavar='PAGE.html', help=help_)
     add_replay(parser)
 
 
@@ -57,7 +59,7 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments that are common to all kinds of replay."""
     # A table of options reads better in few lines.
     # fmt: off
-    parser.add_argument('--output', type=Path, default=Path('result.csv'), help='table to write '
+    add_output(parser, '--output', default=Path('result.csv'), help='table to write '
         '(result.csv); FILE.mcap gets what the node would publish (needs ROS)')
     # fmt: on
     add_images(parser)

@@ -6,12 +6,14 @@ import argparse
 from pathlib import Path
 import sys
 
+from convseq_ros.cli.outputs import add_output
 from convseq_ros.config.reading_config import add_reading, chosen_reading
 from convseq_ros.evaluation.report.charts import write_figures
 from convseq_ros.evaluation.report.page import write_report
 from convseq_ros.evaluation.report.shown import read_runs
 from convseq_ros.evaluation.run_folder import read_exports
 from convseq_ros.evaluation.table import format_table, summary_rows
+from convseq_ros.io.output_file import PAGE
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +22,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('result', type=Path, nargs='+', metavar='RESULT', help='folder that '
         '`convseq evaluate --output` wrote; or files that `--export` wrote, which are put in one '
         'table instead')
-    parser.add_argument('--output', type=Path, default=Path('report.html'), metavar='FILE',
+    add_output(parser, '--output', kinds=PAGE, default=Path('report.html'), metavar='FILE',
         help='the page (default: %(default)s)')
     parser.add_argument('--figures', type=Path, metavar='FOLDER', help='also write every chart as '
         'PNG, SVG and PDF')

@@ -56,6 +56,11 @@ def sync(path: Path) -> None:
         os.close(handle)
 
 
+def target_of(path: Path) -> Path:
+    """Return the file that a symbolic link names, so that not the link is replaced."""
+    return path.resolve() if path.is_symlink() else path
+
+
 def replace_safely(part: Path, path: Path) -> None:
     """Rename `part` to `path`, which has its old or its new content whatever happens."""
     sync(part)
@@ -66,12 +71,13 @@ def replace_safely(part: Path, path: Path) -> None:
 @contextmanager
 def complete_or_absent(path: Path) -> Iterator[Path]:
     """Yield an unused path to write a file to; rename it to `path`, which an OSError names."""
+    target = target_of(path)
     try:
-        with tempfile.TemporaryDirectory(PART, f'{path.name}.', path.parent) as folder:
-            yield (part := Path(folder, path.name))
-            replace_safely(part, path)
+        with tempfile.TemporaryDirectory(PART, f'{target.name}.', target.parent) as folder:
+            yield (part := Path(folder, target.name))
+            replace_safely(part, target)
     except OSError as error:
-        if error.filename is None or f'{path.name}.' in str(error.filename):
+        if error.filename is None or f'{target.name}.' in str(error.filename):
             error.filename = str(path)
         raise
 

@@ -14,7 +14,7 @@ from threading import Event, Thread
 from typing import IO, Self
 
 from convseq_ros.errors import SourceError
-from convseq_ros.io.regular_file import refuse_irregular, replace_safely
+from convseq_ros.io.regular_file import refuse_irregular, replace_safely, target_of
 
 _SYNC_EVERY_S = 1.0  # rows of this time may be lost in a power failure
 
@@ -30,7 +30,7 @@ class ResultWriter:
     """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        self._path, self.kept = path, None
+        self._path, self.kept = (path := target_of(path)), None
         header = ','.join(columns) + '\n'
         self._part = path.with_name(path.name + '.part')
         self._file = self._opened('a')

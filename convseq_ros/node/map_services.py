@@ -5,17 +5,18 @@
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from functools import partial
-import os
-from os.path import exists, isdir, isfile
+from os.path import isfile
 from pathlib import Path
 import time
 from typing import TypeVar
 
 from convseq_ros.config.arguments import local
 from convseq_ros.core.map.format import is_map_or_empty
+from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import MapError, one_line, with_traceback
+from convseq_ros.io.output_file import ANY, OutputFile
 from convseq_ros.node.qos import SERVICE_QOS
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.worker import BackgroundWork, fulfil, Worker
@@ -40,8 +41,9 @@ class MapServices:
         recognition: Recognition,
         open_pipeline: Callable[[Path, bool], Pipeline],
         save_path: str,
+        result_file: str,
     ) -> None:
-        self.save_path = save_path
+        self.save_path, self._result_file = save_path, result_file
         self._logger = node.get_logger()
         self._worker = worker
         self._recognition = recognition
@@ -131,8 +133,11 @@ class MapServices:
             target = Path(self.save_path)
             if pipeline.is_persisted and target.exists() and target.samefile(pipeline.path or ''):
                 raise MapError(f'{target}: is the map that is growing; leave save_map_path empty')
-            _refuse_target(target)
-            save_map(pipeline.recognizer.reference_map, target)
+            results = [Path(self._result_file)] if self._result_file else []
+            OutputFile('save_map_path', target, ANY).refuse(results)
+            saved = pipeline.recognizer.reference_map
+            _refuse_another(target, saved.map_id)
+            save_map(saved, target)
             return self.save_path
         if pipeline.is_persisted:
             pipeline.flush()
@@ -153,15 +158,14 @@ class MapServices:
         return future.result()
 
 
-def _refuse_target(target: Path) -> None:
-    """Raise a MapError if a file cannot be written, or must not be replaced."""
-    folder = target.absolute().parent
-    if not isdir(folder):
-        raise MapError(f'{target}: there is no folder {folder}; make it, or set save_map_path')
-    if not os.access(folder, os.W_OK):
-        raise MapError(f'{target}: {folder} is read-only; set save_map_path to another folder')
-    if exists(target) and not isfile(target):
-        raise MapError(f'{target}: is not a file; set save_map_path to one')
+def _refuse_another(target: Path, map_id: str) -> None:
+    """Raise a MapError if a file is not empty, and is no map of this id: it is not replaced."""
+    if not target.exists() or not target.stat().st_size:
+        return
     # Anyone on the network may set the path.
-    if exists(target) and not is_map_or_empty(target):
+    if not is_map_or_empty(target):
         raise MapError(f'{target}: is no map, and is not replaced; move it, or set save_map_path')
+    if MapReader(target).settings.map_id != map_id:
+        raise MapError(
+            f'{target}: is another map, and is not replaced; move it, or set save_map_path'
+        )

@@ -17,6 +17,7 @@ from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.core.rigid import Matrix, matrix, pose_of
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError, with_traceback
+from convseq_ros.io.output_file import ANY, OutputFile, refuse_outputs, TEXT
 from convseq_ros.io.regular_file import write_lines
 from convseq_ros.node.closures_heard import closure_of, closure_of_pair, uncertain_pose
 from convseq_ros.node.conversions import path_message, stamp_to_ns, status_message, type_name
@@ -67,6 +68,11 @@ class PoseGraphNode(ListeningNode):
     def _open(self, config: PoseGraphConfig) -> None:
         need_gtsam()
         self._config = config
+        refuse_outputs(
+            OutputFile(name, Path(path), kinds)
+            for name, kinds in (('graph_file', ANY), ('tum_file', TEXT), ('g2o_file', TEXT))
+            if (path := getattr(config, name))
+        )
         self._file = Path(config.graph_file) if config.graph_file else None
         self._graph = PoseGraph(config)
         if self._file and self._file.exists():

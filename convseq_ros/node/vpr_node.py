@@ -21,6 +21,7 @@ from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.io.mask_file import read_mask
+from convseq_ros.io.output_file import OutputFile
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.node.counters import Counters
 from convseq_ros.node.diagnostics import Diagnostics
@@ -91,6 +92,9 @@ class VprNode(ManagedNode):
         logger, config = self.get_logger(), self._node_config
         self._images = image_subscriptions(self, config, self._on_image)
         self._chosen = [it.topic for it in self._images] if config.image_topics else []
+        if config.result_file:
+            result = OutputFile('result_file', Path(config.result_file))
+            result.refuse(Path(path) for path in (config.map_path, config.save_map_path) if path)
         pipeline = self._open_pipeline(Path(config.map_path) if config.map_path else None)
         opened.callback(pipeline.close)
         self._results = ResultLog(config.result_file, logger)
@@ -119,7 +123,12 @@ class VprNode(ManagedNode):
             at_end=self._recognition.close,
         )
         self._maps = MapServices(
-            self, self._worker, self._recognition, self._open_pipeline, config.save_map_path
+            self,
+            self._worker,
+            self._recognition,
+            self._open_pipeline,
+            config.save_map_path,
+            config.result_file,
         )
         self.create_service(Trigger, '~/reset', self._on_reset, qos_profile=SERVICE_QOS)
         self.create_service(

@@ -5,9 +5,12 @@
 import threading
 
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.pipeline import Pipeline
+from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.errors import ConfigError
+from convseq_ros.io.results import ResultWriter
 from convseq_ros.node.conversions import CANDIDATE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -202,9 +205,23 @@ def test_the_map_that_grows_is_completed_where_it_is(client, vpr, street, image,
 
 
 def test_a_node_that_does_not_start_leaves_the_map_to_others(vpr, tmp_path):
-    with pytest.raises(ConfigError, match='result_file'):
-        vpr(map_path=tmp_path / 'new.db', result_file=tmp_path / 'absent' / 'rows.csv', **ONLINE)
-    vpr(map_path=tmp_path / 'new.db', **ONLINE)
+    path, table = tmp_path / 'new.db', tmp_path / 'rows.csv'
+    with ResultWriter(table, COLUMNS), pytest.raises(ConfigError, match='result_file'):
+        vpr(map_path=path, result_file=table, **ONLINE)
+    vpr(map_path=path, **ONLINE)
+
+
+@pytest.mark.parametrize('name', ['new.db', 'folder', 'absent/rows.csv', 'other.db'])
+def test_a_result_file_that_cannot_be_written_or_costs_a_map_is_refused_at_the_start(
+    vpr, tmp_path, name
+):
+    (tmp_path / 'folder').mkdir()
+    save_map(ReferenceMap(), tmp_path / 'other.db')
+    kept = (tmp_path / 'other.db').read_bytes()
+    with pytest.raises(ConfigError, match=f'result_file: {tmp_path / name} '):
+        vpr(map_path=tmp_path / 'new.db', result_file=tmp_path / name, **ONLINE)
+    assert not (tmp_path / 'new.db').exists()
+    assert (tmp_path / 'other.db').read_bytes() == kept
 
 
 def test_diagnostics_report_an_error_while_the_map_cannot_be_written(

@@ -238,6 +238,14 @@ def test_a_damaged_graph_ends_the_start(client, graph_node, tmp_path):
     assert path.read_bytes() == b'PK\x03\x04 and no more'
 
 
+def test_a_file_that_costs_another_or_has_no_folder_is_refused_at_the_start(graph_node, tmp_path):
+    path = tmp_path / 'path.txt'
+    with pytest.raises(ConvseqError, match=r'tum_file: .*: there is no folder'):
+        graph_node(tum_file=tmp_path / 'none' / 'path.txt')
+    with pytest.raises(ConvseqError, match=r'g2o_file: .* written by the same'):
+        graph_node(tum_file=path, g2o_file=path)
+
+
 def test_a_kill_while_saving_leaves_the_old_file(client, graph_node, tmp_path, monkeypatch):
     path = tmp_path / 'map.graph'
     node = graph_node(graph_file=path)

@@ -104,7 +104,7 @@ def test_a_second_signal_does_not_disturb_the_shutdown(client, start, map_path):
     [
         ({'map_path': 'missing.db'}, 'missing.db: no such map'),
         ({'min_margim': 0.1}, "unknown parameter 'min_margim'; did you mean min_margin?"),
-        ({'result_file': 'missing/result.csv'}, 'No such file or directory'),
+        ({'result_file': 'missing/result.csv'}, 'missing/result.csv cannot be written'),
         ({'map_path': 'two\nlines'}, 'two lines: no such map'),
     ],
 )

@@ -5,6 +5,8 @@
 import os
 
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
 from convseq_ros.node import map_services, vpr_node
 from nav_msgs.srv import LoadMap
 import pytest
@@ -76,6 +78,8 @@ def test_save_map_path_decides_where_a_map_is_saved(client, vpr, street_map, map
         ('notes.txt', 'is no map, and is not replaced'),
         ('long' * 100, 'File name too long'),
         ('locked/copy.db', 'is read-only'),
+        ('other.db', 'is another map, and is not replaced'),
+        ('result.csv', 'is read or written by the same'),
     ],
 )
 def test_a_map_that_cannot_be_saved_is_reported_in_one_line(
@@ -86,11 +90,15 @@ def test_a_map_that_cannot_be_saved_is_reported_in_one_line(
     (tmp_path / 'locked').mkdir()
     # As it answers to whoever is not root.
     monkeypatch.setattr(os, 'access', lambda path, _: path.name != 'locked')
-    vpr(map_path=map_path, save_map_path=tmp_path / name, fixed_length=1)
+    save_map(ReferenceMap(), tmp_path / 'other.db')
+    files = {'map_path': map_path, 'result_file': tmp_path / 'result.csv'}
+    vpr(**files, fixed_length=1)
+    assert set_parameter(client, 'save_map_path', str(tmp_path / name)).successful
     answer = client.call(Trigger, '/vpr_node/save_map')
     assert not answer.success
     assert name in answer.message and told in answer.message
     assert '\n' not in answer.message
+    assert not len(open_map(tmp_path / 'other.db'))
     assert (tmp_path / 'pipe').is_fifo() and (tmp_path / 'notes.txt').read_text() == 'precious'
     assert show(3) == 3
 

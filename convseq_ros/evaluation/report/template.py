@@ -16,7 +16,6 @@ def write_page(output: Path, parts: Mapping[str, str], data: Mapping[str, Any]) 
     """Write a page in one step, from HTML by placeholder and the data of its script."""
     template = Template((files(__package__) / 'template.html').read_text(encoding='utf-8'))
     text = json.dumps(data, separators=(',', ':')).replace('<', '\\u003c')
-    output.parent.mkdir(parents=True, exist_ok=True)
     with complete_or_absent(output) as part:
         part.write_text(template.substitute(parts, data=text), encoding='utf-8')
 

@@ -1,0 +1,69 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A file that a program is asked to write, checked before work starts."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+import os
+from pathlib import Path
+
+from convseq_ros.errors import ConfigError
+
+_HEAD_BYTES = 512
+PAGE, FIGURE = ('.html', '.htm'), ('.png', '.svg', '.pdf')  # kinds
+ANY, TEXT = ('',), ()
+
+
+@dataclass(frozen=True, slots=True)
+class OutputFile:
+    """
+    A file to write, which replaces a file of that name.
+
+    `option` asked for it. `kinds` are the endings that its name may have. `TEXT` allows `ANY`, but
+    replaces nothing but text, so that neither a map nor a recording is lost.
+    """
+
+    option: str
+    path: Path
+    kinds: tuple[str, ...] = TEXT
+
+    def refuse(self, others: Iterable[Path] = ()) -> None:
+        """Raise a ConfigError if the file cannot be written, or would replace one of `others`."""
+        try:
+            problem = self._problem({os.path.realpath(other) for other in others})
+        except OSError as error:
+            problem = f'cannot be written ({error.strerror}); name another file'
+        if problem:
+            raise ConfigError(f'{self.option}: {self.path} {problem}')
+
+    def _problem(self, others: set[str]) -> str:
+        folder = Path(os.path.realpath(self.path)).parent
+        if self.path.is_dir():
+            return 'is a folder; name a file'
+        if not folder.is_dir():
+            return f'cannot be written: there is no folder {folder}; make it, or name another'
+        if not os.access(folder, os.W_OK):
+            return f'cannot be written: {folder} is read-only; name another folder'
+        if self.path.exists() and not self.path.is_file():
+            return 'is not a file, but a device, a pipe or a socket; name a file'
+        if os.path.realpath(self.path) in others:
+            return 'is read or written by the same command; name another file'
+        if self.kinds and not self.path.name.lower().endswith(self.kinds):
+            return f'is of no kind that is written; name a {" or ".join(self.kinds)}'
+        if not self.kinds and self.path.suffix != '.mcap' and self._holds_no_text():
+            return 'exists and is no text, perhaps a map; move it, or name another file'
+        return ''
+
+    def _holds_no_text(self) -> bool:
+        if not self.path.exists():
+            return False
+        with self.path.open('rb') as file:
+            return b'\0' in file.read(_HEAD_BYTES)
+
+
+def refuse_outputs(outputs: Iterable[OutputFile], inputs: Iterable[Path] = ()) -> None:
+    """Raise a ConfigError for an output that cannot be written, or replaces another file used."""
+    used = [*inputs]
+    for output in outputs:
+        output.refuse(used)
+        used.append(output.path)
