@@ -8,8 +8,10 @@ import signal
 import subprocess
 import sys
 
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.node import process
 from convseq_ros.node.process import fast_dds, LARGE_IMAGES, QUICK_START, VARIABLE
+from pictures import scene, written
 from programs import run
 import pytest
 
@@ -69,6 +71,36 @@ def test_a_signal_at_work_ends_a_command_with_one_line(number, tmp_path):
     arguments = 'build-map', str(tmp_path / 'drive.mcap'), str(tmp_path / 'map.db')
     done = interrupted(number, 'rosbags', 'convseq_ros.cli', *arguments)
     assert (done.returncode, done.stderr) == (1, 'convseq build-map: interrupted\n')
+
+
+# A signal that comes when a lock of the running step has just been taken.
+AT_A_LOCK = """
+import os, signal, sys, threading
+
+class Late(threading.Condition):
+    def __enter__(self):
+        taken, frame = super().__enter__(), sys._getframe()
+        while frame and not is_sent:
+            if frame.f_code.co_name == 'save' and 'autosave' in frame.f_code.co_filename:
+                is_sent.append(os.kill(os.getpid(), signal.SIGINT))
+            frame = frame.f_back
+        return taken
+
+is_sent = []
+threading.Condition = Late
+from convseq_ros.node.process import run
+sys.exit(run('convseq_ros.cli', 1))
+"""
+
+
+@pytest.mark.parametrize('verb', ['build-map', 'replay'])
+def test_a_signal_while_a_lock_is_held_ends_a_command_after_the_frame(verb, tmp_path):
+    folder, path = written(tmp_path / 'drive', map(scene, range(5))), tmp_path / 'map.db'
+    words = ['--map', path, '--mode', 'online', '--output', tmp_path / 'result.csv']
+    words = [path] if verb == 'build-map' else words
+    done = run(sys.executable, '-c', AT_A_LOCK, verb, str(folder), *map(str, words), timeout=180)
+    assert done.returncode == 1 and f'convseq {verb}: interrupted' in done.stderr
+    assert len(open_map(path)) == 1 and len([*tmp_path.glob('map.db*')]) == 1
 
 
 @pytest.fixture(autouse=True)

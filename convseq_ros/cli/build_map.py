@@ -182,13 +182,15 @@ def build(
         problem = counts.add(builder, frames, report)
         for warning in source.warnings:
             report(warning)
+        if counts.interrupted:
+            if not counts.added:
+                raise KeyboardInterrupt
+            break
         if not builder.added:
             images_of = 'images' if is_first else f'images of {source.topic or source.name}'
             shown = f'{counts.frames - before} {images_of}'
             why = f': {problem}' if problem else ''
             raise SourceError(f'{recording}: none of its {shown} could be used{why}')
-        if counts.interrupted:
-            break
     references = len(builder.reference_map) - builder.removed
     seconds, size = time.monotonic() - started, path.stat().st_size
     return Built(str(path), references=references, seconds=seconds, bytes=size, **asdict(counts))

@@ -20,6 +20,7 @@ from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.errors import ConfigError, MapError, printable
 from convseq_ros.io.files import read_yaml
 from convseq_ros.io.mask_file import read_mask
+from convseq_ros.node.process import steps
 from convseq_ros.sources.mount import Tf
 
 Item = TypeVar('Item')
@@ -115,16 +116,13 @@ def read_parameter_file(path: Path, reading: ReadingConfig = ReadingConfig()) ->
 
 
 def progress(items: Iterable[Item], total: int, name: str, unit: str = 'frames') -> Iterator[Item]:
-    """Yield the items; show progress, speed and remaining time in a terminal."""
-    if not sys.stderr.isatty():
-        yield from items
-        return
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        yield from items
-        return
-    yield from tqdm(items, name, total, unit=f' {unit}', dynamic_ncols=True)
+    """Yield the items as `steps`; show progress, speed and remaining time in a terminal."""
+    if sys.stderr.isatty():
+        with suppress(ImportError):
+            from tqdm import tqdm
+
+            items = tqdm(items, name, total, unit=f' {unit}', dynamic_ncols=True)
+    return steps(items)
 
 
 def say(line: str) -> None:

@@ -7,15 +7,16 @@ While NumPy, OpenCV and rclpy are imported, which takes a second, a signal ends 
 once. Afterwards `hand_over` sets a function that finishes the work first.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
 import os
 from pathlib import Path
 import signal
 import sys
 import tempfile
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
+Item = TypeVar('Item')
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 # Settings of Fast DDS that come with this package; other middlewares do not read them.
@@ -29,6 +30,7 @@ _CHOSEN_BY = VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE'
 _THREAD_COUNTS = 'OPENBLAS_NUM_THREADS', 'OPENCV_FOR_THREADS_NUM'
 
 _later: Callable[[], None] | None = None
+_is_held = _is_asked = False  # whether an interruption waits for the end of a step, or has come
 
 
 def use_one_thread() -> None:
@@ -79,8 +81,12 @@ def hand_over(later: Callable[[], None]) -> None:
 
 
 def interrupt() -> None:
-    """Raise KeyboardInterrupt; when called again, end the process at once."""
+    """Raise KeyboardInterrupt, in `steps` after the step; when called again, end at once."""
+    global _is_asked
     hand_over(lambda: os._exit(1))
+    if _is_held:
+        _is_asked = True
+        return
     # Python only prints an exception that cannot be caught, such as one in a finaliser.
     sys.unraisablehook = lambda raised: (
         os._exit(1)
@@ -88,6 +94,23 @@ def interrupt() -> None:
         else sys.__unraisablehook__(raised)
     )
     raise KeyboardInterrupt
+
+
+def steps(items: Iterable[Item]) -> Iterator[Item]:
+    """
+    Yield the items; `interrupt` raises KeyboardInterrupt between two of them.
+
+    Within a step it might leave a lock behind, for which other threads would wait for ever.
+    """
+    global _is_held, _is_asked
+    _is_held, _is_asked = True, False
+    try:
+        for item in items:
+            yield item
+            if _is_asked:
+                raise KeyboardInterrupt
+    finally:
+        _is_held = False
 
 
 def ignore() -> None:

@@ -11,10 +11,12 @@ import signal
 import subprocess
 import sys
 import time
+from unittest.mock import Mock
 
 from convseq_ros.cli import COMMANDS, main, replay
 from convseq_ros.cli.options import chosen_images
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.io.results import read_results
 from pictures import scene, written
 from programs import run
@@ -234,3 +236,11 @@ def test_an_interrupted_build_keeps_and_reports_what_was_added(tmp_path):
         said = process.communicate(timeout=180)[1]
     assert process.returncode == 1 and 'interrupted; the map holds what was added' in said
     assert 0 < len(open_map(path)) < 800
+
+
+def test_a_build_interrupted_before_its_first_place_says_so(tmp_path, monkeypatch, capsys):
+    folder = written(tmp_path / 'drive', map(scene, range(2)))
+    monkeypatch.setattr(MapBuilder, 'process', Mock(side_effect=KeyboardInterrupt))
+    assert main(['build-map', str(folder), str(tmp_path / 'map.db')]) == 1
+    assert capsys.readouterr().err == 'convseq build-map: interrupted\n'
+    assert [*tmp_path.iterdir()] == [folder]
