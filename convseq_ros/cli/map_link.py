@@ -101,6 +101,11 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
     if not (chosen.output or chosen.picture or chosen.tum):
         return
     start = align_sessions(poses, session, edges)
+    if not links:
+        raise MapError(
+            f'{chosen.map}: no place was passed twice, so there is no link; add another drive: '
+            'convseq build-map RECORDING MAP --append'
+        )
     if not start:
         raise MapError(
             f'{chosen.map}: no link is measured in metres; that needs a map built with --odom '

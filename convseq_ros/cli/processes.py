@@ -36,6 +36,7 @@ def recognise_live(
     """
     need_ros()
     table = folder / 'live.csv'
+    table.unlink(missing_ok=True)  # of an earlier demo; the node would keep it
     files = f'map_path:={map_path.absolute()}', f'result_file:={table.absolute()}'
     node = ['-m', 'convseq_ros.node.vpr_node', '--ros-args']
     for setting in (*files, 'queue_size:=1000', 'max_wait_s:=0.0', 'odom_wait_s:=2.0'):

@@ -26,10 +26,12 @@ class ResultWriter:
     `columns` are their names, such as those of `convseq_ros.core.result_row`. Rows are written to
     `<path>.part`, which `close` renames to `<path>`; a power failure may lose the rows of the last
     second. If an earlier run left rows behind, its file is renamed to `<path>.1.part`, or a higher
-    number: `kept`. OSError if it cannot be written or is in use.
+    number: `kept`. With `keeps_earlier` a complete table `a.csv` becomes `a.1.csv`, or a higher number.
+    OSError if it cannot be written or is in use.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+    def __init__(self, path: Path, columns: Sequence[str], keeps_earlier: bool = False) -> None:
+        self._keeps_earlier = keeps_earlier
         self._path, self.kept = (path := target_of(path)), None
         header = ','.join(columns) + '\n'
         self._part = path.with_name(path.name + '.part')
@@ -37,7 +39,7 @@ class ResultWriter:
         with self._part.open(encoding='utf-8', errors='replace') as file:
             has_rows = not header.startswith(file.read(len(header) + 1))
         if has_rows:
-            self.kept = _free_name(path)
+            self.kept = _free_name(self._part)
             os.rename(self._part, self.kept)
             self._file.close()
             self._file = self._opened('x')
@@ -71,6 +73,8 @@ class ResultWriter:
             try:
                 with self._named():
                     self._file.flush()
+                    if self._keeps_earlier and self._path.exists():
+                        os.rename(self._path, _free_name(self._path))
                     replace_safely(self._part, self._path)
             finally:
                 self.abandon()
@@ -110,7 +114,8 @@ def _sync(handle: int, written: Event, end: Event) -> None:
 
 
 def _free_name(path: Path) -> Path:
-    names = (path.with_name(f'{path.name}.{number}.part') for number in count(1))
+    """Return the first name with a number before the ending that no file has."""
+    names = (path.with_suffix(f'.{number}{path.suffix}') for number in count(1))
     return next(name for name in names if not name.exists())
 
 

@@ -24,7 +24,7 @@ class ResultLog:
         self._writer: ResultWriter | None = None
         if path:
             try:
-                self._writer = ResultWriter(Path(path), COLUMNS)
+                self._writer = ResultWriter(Path(path), COLUMNS, keeps_earlier=True)
             except OSError as error:
                 raise ConfigError(
                     f'result_file: {path} cannot be written ({error.strerror}); '

@@ -92,6 +92,7 @@ def test_cleanup_releases_files_and_topics_and_the_node_can_start_again(
         assert not [*tmp_path.glob('*.part')]
         client.wait_for(lambda before=before: services_of(client) == before)
         client.node.destroy_publisher(camera)
+    assert len((tmp_path / 'result.1.csv').read_text().splitlines()) == 2
     assert 'worker' not in {thread.name for thread in threading.enumerate()}
 
 
