@@ -24,6 +24,7 @@ from convseq_ros.node.process import steps
 from convseq_ros.sources.mount import Tf
 
 Item = TypeVar('Item')
+_SECTIONS = '**', 'vpr_node'  # last words of their names
 _OF_ROS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
 
@@ -102,11 +103,14 @@ def chosen_config(
 def read_parameter_file(path: Path, reading: ReadingConfig = ReadingConfig()) -> dict[str, Any]:
     """Return the matching parameters of a ROS parameter file, without those of the node."""
     values: dict[str, Any] = {}
-    for node in read_yaml(path, reading).values():
+    sections = read_yaml(path, reading)
+    ours = [node for name, node in sections.items() if str(name).split('/')[-1] in _SECTIONS]
+    for node in ours or [None]:
         part = node.get('ros__parameters') if isinstance(node, dict) else None
         if not isinstance(part, dict):
             raise ConfigError(
-                f'{path}: not a ROS parameter file; `convseq config` prints one to start from'
+                f'{path}: not a ROS parameter file with vpr_node or /**; `convseq config` '
+                'prints one to start from'
             )
         values |= part
     core = [item.name for item in core_parameters()]

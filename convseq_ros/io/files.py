@@ -140,6 +140,6 @@ def read_text(
 ) -> str:
     """Return the content of a text file; SourceError as in `read_bytes`, or if it is not text."""
     try:
-        return read_bytes(path, what, partial(reading.refuse_file, cost=cost)).decode('utf-8')
+        return read_bytes(path, what, partial(reading.refuse_file, cost=cost)).decode('utf-8-sig')
     except UnicodeDecodeError:
         raise SourceError(f'{path}: not a text file; give {what}') from None

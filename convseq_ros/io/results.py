@@ -26,7 +26,7 @@ class ResultWriter:
     `columns` are their names, such as those of `convseq_ros.core.result_row`. Rows are written to
     `<path>.part`, which `close` renames to `<path>`; a power failure may lose the rows of the last
     second. If an earlier run left rows behind, its file is renamed to `<path>.1.part`, or a higher
-    number: `kept`. With `keeps_earlier` a complete table `a.csv` becomes `a.1.csv`, or a higher number.
+    number: `kept`. With `keeps_earlier` a complete table `a.csv` becomes `a.1.csv`, and so on.
     OSError if it cannot be written or is in use.
     """
 

@@ -3,6 +3,8 @@
 """Publishes a recording or a folder of pictures on live topics, with /clock."""
 
 import argparse
+from collections import Counter
+from collections.abc import Sequence
 import sys
 import time
 
@@ -21,6 +23,7 @@ from convseq_ros.sources import open_source, Source
 from convseq_ros.sources.recording import TopicMessages
 import rclpy
 from rclpy.duration import Duration
+from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -29,6 +32,7 @@ from rclpy.utilities import ok, try_shutdown
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage, Image
 
+_CLOCK = '/clock'
 _TICK_S = 0.01
 # Fast DDS sends larger messages in fragments, which are acknowledged at once. Smaller messages are
 # acknowledged every 3 s only, so they need a longer history instead of pauses.
@@ -56,6 +60,8 @@ class Player(Node):
             for name, (_, types) in SIDES.items()
             if (side := getattr(options, name))
         }
+        beside = [messages.chosen.name for messages in self._beside.values()]
+        self._refuse_same_names([source.topic or IMAGE, *beside, _CLOCK])
         first = next((cue.message for cue in images_of(source)), b'')
         size = len(first if isinstance(first, bytes) else first.data)
         self._large = size > _FRAGMENTED_BYTES
@@ -71,8 +77,23 @@ class Player(Node):
             QoSProfile(depth=depth, reliability=reliability),
         )
         self._clock_topic: Publisher = self.create_publisher(
-            Clock, '/clock', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+            Clock, _CLOCK, QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         )
+
+    def _refuse_same_names(self, published: Sequence[str]) -> None:
+        """Raise a ConvseqError if two topics get one name; warn of a --remap that names none."""
+        names = [self.resolve_topic_name(topic) for topic in published]
+        for name, count in Counter(names).items():
+            if count > 1:
+                raise ConvseqError(f'{name}: two topics get this name; --remap one to another')
+        for rule in self._options.remap:
+            old = rule.partition(':=')[0]
+            if not old.startswith('__') and expand_topic_name(old, NAME, '/') not in published:
+                topics = ', '.join(published)
+                print(
+                    f'convseq play: --remap {rule}: no topic is {old}; those played are {topics}',
+                    file=sys.stderr,
+                )
 
     def play(self) -> None:
         """Publish everything and wait until it has arrived; ConvseqError if that fails."""

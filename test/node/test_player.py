@@ -86,7 +86,11 @@ def test_every_image_arrives_unchanged(client, start, recording, pictures):
 
 def test_a_topic_is_played_under_another_name(client, start, recording):
     rules = '--remap', '/camera:=/front', '--remap', '/other:=/rear'
-    assert len(hear(client, start, Image, '/front', recording, '--rate', 10, *rules)) == 10
+    told = []
+    heard = hear(client, start, Image, '/front', recording, '--rate', 10, *rules, told=told)
+    assert len(heard) == 10
+    (line,) = told
+    assert line.endswith('no topic is /other; those played are /camera, /clock')
 
 
 def test_compressed_images_keep_the_name_of_their_topic(client, start, pictures, tmp_path):
@@ -188,6 +192,7 @@ def test_a_recording_is_played_without_subscribers_if_none_are_required(start, r
         ('drive --odom /wheels', 1, 'no Odometry messages'),
         ('drive --start 99 --wait-subscribers 0', 1, 'no images from --start 99 s on'),
         ('drive --wait-subscribers 0.1', 1, '/camera: nobody subscribes after 0.1 s; start'),
+        ('drive --remap /camera:=/clock', 1, '/clock: two topics get this name; --remap one'),
         ('drive --rate 0', 2, '--rate'),
         ('drive --remap /image', 2, "'/image' is not of the form FROM:=TO"),
         ('drive --remap /camera:=/a//b', 2, 'Invalid topic name'),

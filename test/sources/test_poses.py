@@ -42,6 +42,8 @@ def test_the_axes_of_kitti_become_those_of_a_robot(file):
     assert pose_at(0, 0).position == (2.5, 0.0, 0.0)
     assert pose_at(0, 0).orientation == (0.0, 0.0, 0.0, 1.0)
     assert pose_at(1, 0).position == (0.0, -1.0, -3.0)
+    marked = read_pose_file(file(f'\ufeff{AHEAD}'), 1)  # as some editors of Windows save it
+    assert marked(0, 0) == pose_at(0, 0)
     # To the right is clockwise from above: a negative turn about the axis that points up.
     half = math.sqrt(0.5)
     assert pose_at(1, 0).orientation == pytest.approx((0.0, 0.0, -half, half))
