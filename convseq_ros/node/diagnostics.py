@@ -28,7 +28,7 @@ class Diagnostics:
 
     def __post_init__(self) -> None:
         self._last = (time.monotonic_ns(), 0, 0, 0)
-        self._write_failures, self._is_silence_told = 0, False
+        self._write_failures, self._told = 0, set[str]()
         self._publisher = advertise(self.node, DiagnosticArray, '/diagnostics')
         self._timer = steady_timer(self.node, self.period_s, self._publish)
 
@@ -61,7 +61,7 @@ class Diagnostics:
     def _state(self, situation: Situation, dropped_now: int) -> tuple[bytes, str]:
         if not situation.ready:
             return DiagnosticStatus.OK, 'warming up'
-        silence = self._silence(situation)
+        silence = self._told_once('images', self._silence(situation))
         if not situation.map_size and not situation.pipeline.is_growing:
             return DiagnosticStatus.ERROR, (
                 f'no map; call {self.node.get_fully_qualified_name()}/load_map or set map_path'
@@ -76,6 +76,8 @@ class Diagnostics:
             )
         if silence:
             return DiagnosticStatus.WARN, silence
+        if stopped := self._told_once('odometry', situation.odometry_silence):
+            return DiagnosticStatus.WARN, stopped
         if self._has_twin():
             return DiagnosticStatus.WARN, (
                 f'another node is named {self.node.get_fully_qualified_name()}; end it, or '
@@ -114,21 +116,25 @@ class Diagnostics:
         return self._write_failures > before or situation.pipeline.autosave.is_failing
 
     def _silence(self, situation: Situation) -> str:
-        """Return why no images arrive, and log it when that begins; empty if they do."""
+        """Return why no images arrive; empty if they do."""
         silent_s = (time.monotonic_ns() - self.counters.last_arrival_ns) / 1e9
         if silent_s < _SILENCE_S or not situation.enabled:
-            self._is_silence_told = False
             return ''
-        text = f'no images for {silent_s:.0f} s: {self.advice()}'
         if self.counters.received:
-            text = (
+            return (
                 f'the camera stopped: no images on {situation.topic} for {silent_s:.0f} s; look '
                 'at its driver'
             )
-        if not self._is_silence_told:
-            self.node.get_logger().warning(text)
-        self._is_silence_told = True
-        return text
+        return f'no images for {silent_s:.0f} s: {self.advice()}'
+
+    def _told_once(self, name: str, problem: str) -> str:
+        """Return the problem of a stream, and log it when that begins."""
+        if problem and name not in self._told:
+            self.node.get_logger().warning(problem)
+            self._told.add(name)
+        elif not problem:
+            self._told.discard(name)
+        return problem
 
 
 def _values(counters: Counters, situation: Situation) -> dict[str, object]:
@@ -157,7 +163,7 @@ def _values(counters: Counters, situation: Situation) -> dict[str, object]:
         'map_path': pipeline.path or '',
         'map_size': situation.map_size,
         'kept_images_unreadable': pipeline.recognizer.reference_map.unreadable,
-        'odom': situation.odometry_heard,
+        'odom': situation.odometry_heard and not situation.odometry_silence,
         **situation.further,
     }
     if pipeline.is_growing:

@@ -39,13 +39,14 @@ class MeasuredTransform:
         self._moved: Matrix | None = None  # (4, 4), pose of the frame of odometry in the map
         self._covariance = np.zeros((6, 6))  # of the base, in its axes; x, y, z, turns
         self._last = np.eye(4)  # base in odometry, at the last measurement
-        self._measured_ns, self._outside = 0, 0
+        self._measured_ns, self._newest_ns, self._outside = 0, 0, 0
         odometry.on_pose = self._on_odometry
 
-    def update(self, frame: Frame, match: Match, estimate: PoseEstimate) -> None:
-        """Take in an accepted match, if its pose was measured in metres, and odometry is known."""
+    def update(self, frame: Frame, match: Match, estimate: PoseEstimate | None) -> None:
+        """Take in a frame, and its match if its pose was measured in metres, by odometry."""
+        self._newest_ns = frame.stamp_ns
         relative, pose = match.relative_pose, frame.pose
-        if relative is None or relative.pose is None or pose is None:
+        if estimate is None or relative is None or relative.pose is None or pose is None:
             return
         base, goal = matrix(pose), matrix(estimate.pose)
         to_base = np.kron(np.eye(2), matrix(relative.pose)[:3, :3].T)
@@ -93,7 +94,8 @@ class MeasuredTransform:
                 math.sqrt(float(self._covariance.diagonal()[part].max()))
                 for part in (slice(0, 3), slice(3, 6))
             )
-            age_s = max(0.0, (self._output.stamp_ns - self._measured_ns) / 1e9)
+            newest_ns = max(self._output.stamp_ns, self._newest_ns)
+            age_s = max(0.0, (newest_ns - self._measured_ns) / 1e9)
         return {
             'map_to_odom_age_s': age_s,
             'map_to_odom_sigma_m': metres,

@@ -3,6 +3,7 @@
 """The pose of the robot at the time of an image, by odometry."""
 
 from collections.abc import Callable
+import time
 from typing import Any
 
 from convseq_ros.core.types import Pose
@@ -16,6 +17,7 @@ from nav_msgs.msg import Odometry as OdometryMessage
 _DEPTH = 200  # messages of odometry that may wait
 _KEPT = 20_000
 _LOST_FRAMES = 20
+_SILENCE_S = 3.0
 
 
 class OdometryListener:
@@ -32,7 +34,7 @@ class OdometryListener:
         self.on_pose: Callable[[int, str], None] = lambda _stamp_ns, _frame_id: None
         self._node = node
         self._track = PoseTrack(kept=_KEPT)
-        self._lost_in_a_row = 0
+        self._lost_in_a_row, self._arrived_s = 0, 0.0
         self.waiting = Waiting(wait_s)
         self._subscription = FollowingSubscription(
             node, OdometryMessage, 'odom', self._on_odometry, _DEPTH
@@ -68,6 +70,15 @@ class OdometryListener:
     def heard(self) -> bool:
         return self._track.last_stamp_ns is not None
 
+    @property
+    def silence(self) -> str:
+        """Why there is no odometry any more; empty if it comes, or never came."""
+        silent_s = time.monotonic() - self._arrived_s
+        if not self.heard or silent_s < _SILENCE_S:
+            return ''
+        topic = self._subscription.topic
+        return f'odometry stopped: nothing on {topic} for {silent_s:.0f} s; look at its publisher'
+
     def _has_reached(self, stamp_ns: int) -> bool:
         """Return whether there is nothing more to wait for."""
         last_ns = self._track.last_stamp_ns
@@ -86,5 +97,6 @@ class OdometryListener:
         with self.waiting.changed:
             self.frame_id = message.header.frame_id
             self._track.add(stamp_ns, pose)
+            self._arrived_s = time.monotonic()
             self.waiting.notify()
         self.on_pose(stamp_ns, message.header.frame_id)

@@ -18,6 +18,7 @@ class Situation:
     topic: str  # of the camera
     dropped: int  # frames pushed out of the queue
     odometry_heard: bool
+    odometry_silence: str  # why no odometry comes any more, if it came before
     further: Mapping[str, int | bool | float]  # other values on /diagnostics, by name
     transform_problem: str = ''  # why map -> odom is not broadcast, although it is wanted
     model_problem: str = ''  # why the map's descriptor_model is not used, if it failed

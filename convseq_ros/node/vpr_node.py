@@ -235,7 +235,7 @@ class VprNode(ManagedNode):
             self._finder.settle()
         estimate = self._answers.publish(answered)
         self._localization.update(match, estimate)
-        if self._transform and estimate:
+        if self._transform:
             self._transform.update(answered.frame, match, estimate)
 
     def _on_image(self, message: RawMessage, topic: str) -> None:
@@ -303,6 +303,7 @@ class VprNode(ManagedNode):
             topic=self._topic,
             dropped=self._worker.dropped,
             odometry_heard=odometry.heard,
+            odometry_silence=odometry.silence,
             further={
                 'queue': self._worker.waiting,
                 'lost_by_middleware': self._lost(),

@@ -67,6 +67,29 @@ def test_keyframes_by_odometry_without_odometry_are_a_warning(
     client.wait_for(told)
 
 
+def test_odometry_that_stops_is_a_warning(
+    client, vpr, map_path, street, image, monkeypatch, capfd
+):
+    monkeypatch.setattr('convseq_ros.node.odometry_listener._SILENCE_S', 0.2)
+    vpr(map_path=map_path, **PERIOD)
+    message = Odometry()
+    message.header.stamp.sec, message.pose.pose.orientation.w = 1, 1.0
+    camera = client.camera(Image)
+    odometry = client.camera(Odometry, '/odom')  # waits until the node hears it
+    odometry.publish(message)
+    heard = client.listen(DiagnosticArray, '/diagnostics')
+
+    def told():
+        camera.publish(image(street[0], SECOND))
+        return heard and 'odometry stopped: nothing on /odom for' in heard[-1].status[0].message
+
+    client.wait_for(told)
+    status = heard[-1].status[0]
+    assert status.level == DiagnosticStatus.WARN
+    assert {pair.key: pair.value for pair in status.values}['odom'] == 'False'
+    assert capfd.readouterr().err.count('odometry stopped') == 1
+
+
 def test_a_node_with_the_same_name_is_a_warning(client, vpr, map_path):
     vpr(map_path=map_path, **PERIOD)
     status_with(client, 'recognising places')

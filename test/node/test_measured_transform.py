@@ -51,6 +51,8 @@ def test_a_measured_transform_moves_with_odometry(made):
     made.transform._output.stamp_ns = stamp_ns
     values = made.transform.values
     assert values['map_to_odom_age_s'] == 2.0
+    made.transform.update(Frame(9 * SECOND, None), Mock(relative_pose=None), None)
+    assert made.transform.values['map_to_odom_age_s'] == 7.0  # odometry stopped, images did not
     assert values['map_to_odom_sigma_m'] == pytest.approx(0.1)
     assert values['map_to_odom_sigma_rad'] == pytest.approx(0.01)
 
