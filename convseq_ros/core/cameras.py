@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from convseq_ros.config import Config
-from convseq_ros.core.decision.odometry_jump import ROBOT
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import Describe
 from convseq_ros.core.encoding.regions import global_descriptor
@@ -14,7 +13,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.rigid import of_roll_pitch_yaw
-from convseq_ros.core.types import Frame, Localization, LocalizationState, Match
+from convseq_ros.core.types import Frame, Localization, LocalizationState, Match, ROBOT
 import numpy as np
 
 _ASCENDING = tuple(LocalizationState)  # by certainty
@@ -94,8 +93,8 @@ class Cameras:
         if not self.odometry_jumps:
             return ''
         return (
-            f'odometry has steps faster than {ROBOT.fastest_mps:g} m/s, which are left out; check '
-            'its unit, its source and its resets'
+            f'odometry has steps faster than {ROBOT.fastest_mps:g} m/s, which count as no '
+            'motion, though places keep their poses; check its unit, its source and its resets'
         )
 
     @property

@@ -33,6 +33,13 @@ def constants(record: type[Any]) -> Any:
     return frozen()
 
 
+@constants
+class ROBOT:
+    """What a robot can do."""
+
+    fastest_mps: float = 40.0  # 144 km/h
+
+
 @dataclass(frozen=True, slots=True)
 class Pose:
     """The pose of a robot's base, or of a part of it: x ahead, y left, z up (REP-103)."""

@@ -12,7 +12,7 @@ from convseq_ros.core.rigid import quaternion, ROBOT_LENS
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.io.files import read_text
-from convseq_ros.sources.pose_track import PoseTrack
+from convseq_ros.sources.pose_track import EARTH, is_far, PoseTrack
 import numpy as np
 import numpy.typing as npt
 
@@ -65,6 +65,14 @@ def _numbers(words: list[str]) -> npt.NDArray[np.float64]:
     return numbers
 
 
+def _refuse_far(*position: float) -> None:
+    if is_far(position):
+        furthest = max(position, key=abs)
+        raise ValueError(
+            f'a position of {furthest:g} m is beyond {EARTH.furthest_m:g} m; leave the line out'
+        )
+
+
 def _tum(words: list[str]) -> tuple[int, Pose]:
     """Return a stamp in nanoseconds, exact where a double would round it, and the pose."""
     try:
@@ -75,6 +83,7 @@ def _tum(words: list[str]) -> tuple[int, Pose]:
     if not is_stamp:
         raise ValueError(f'{words[0][:80]} is not a stamp in seconds')
     x, y, z, *turn = _numbers(words[1:]).tolist()
+    _refuse_far(x, y, z)
     length = math.hypot(*turn)
     if not length:
         raise ValueError('the quaternion is zero; leave the line out')
@@ -89,4 +98,5 @@ def _kitti(words: list[str]) -> Pose:
     if error > _ROTATION_ERROR or np.linalg.det(rotation) < 0:
         raise ValueError('its first three columns are not a rotation')
     x, y, z = (_TO_ROBOT @ matrix[:, 3]).tolist()
+    _refuse_far(x, y, z)
     return Pose((x, y, z), quaternion(rotation))

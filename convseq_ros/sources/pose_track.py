@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import math
 from typing import Any
 
-from convseq_ros.core.types import Pose
+from convseq_ros.core.types import constants, Pose, ROBOT
 import numpy as np
 
 LONGEST_GAP_NS = 1_000_000_000
@@ -16,18 +16,28 @@ _CLOCK_JUMP_NS = 1_000_000_000
 _NEARLY_PARALLEL = 0.9995
 
 
+@constants
+class EARTH:
+    """Where a pose can be."""
+
+    furthest_m: float = 1e8  # beyond any map grid; larger numbers are errors, and overflow
+
+
 class PoseTrack:
     """
     Poses in order of time, interpolated between neighbours, and extrapolated up to 0.1 s.
 
     Stamps are nanoseconds, ascending. At least the newest `kept` poses are stored, by default all.
-    There is no pose between two that are more than a second apart.
+    There is no pose between two that are more than a second apart. A single pose that is far off
+    its neighbours is left out: one that jumps is kept only if the next one confirms it.
     """
 
     def __init__(self, stamped: Iterable[tuple[int, Pose]] = (), kept: int | None = None) -> None:
         self._kept = kept
         self._stamps: list[int] = []
         self._poses: list[Pose] = []
+        self._doubted: tuple[int, Pose] | None = None
+        self._is_steady, self.left_out = False, 0
         for stamp_ns, pose in stamped:
             self.add(stamp_ns, pose)
 
@@ -42,12 +52,32 @@ class PoseTrack:
         if late_ns > _CLOCK_JUMP_NS:
             self._stamps.clear()
             self._poses.clear()
+            self._doubted, self._is_steady = None, False
         elif late_ns >= 0:
             return
-        self._stamps.append(stamp_ns)
-        self._poses.append(pose)
+        for one in self._believed(stamp_ns, pose):
+            self._stamps.append(one[0])
+            self._poses.append(one[1])
         if self._kept and len(self._stamps) >= 2 * self._kept:
             del self._stamps[: -self._kept], self._poses[: -self._kept]
+
+    def _believed(self, stamp_ns: int, pose: Pose) -> list[tuple[int, Pose]]:
+        """Return the poses to append after the next one: none, it, or the doubted one as well."""
+        newest, doubted = (stamp_ns, pose), self._doubted
+        if not self._stamps:
+            return [newest]
+        was_steady, last = self._is_steady, (self._stamps[-1], self._poses[-1])
+        self._is_steady, self._doubted = not _is_jump(last, newest), None
+        if self._is_steady or (not was_steady and doubted is None):
+            self.left_out += doubted is not None
+            return [newest]
+        if doubted is None:
+            self._doubted = newest
+            return []
+        if stamp_ns > doubted[0] and not _is_jump(doubted, newest):
+            self._is_steady = True
+            return [doubted, newest]
+        return [newest]
 
     def at(self, stamp_ns: int) -> Pose | None:
         """Return the pose at a time, up to 0.1 s after the last one; None if it is unknown."""
@@ -64,13 +94,25 @@ class PoseTrack:
         return _between(self._poses[after - 1], self._poses[after], share)
 
 
+def _is_jump(before: tuple[int, Pose], after: tuple[int, Pose]) -> bool:
+    """Return whether no robot moves that far, even if the stamps jitter."""
+    duration_s = max(after[0] - before[0], _FURTHEST_NS) / 1e9
+    distance_m = math.dist(before[1].position, after[1].position)
+    return distance_m > ROBOT.fastest_mps * duration_s
+
+
+def is_far(position: Iterable[float]) -> bool:
+    """Return whether a position is nowhere on Earth, or not finite."""
+    return not all(abs(value) <= EARTH.furthest_m for value in position)
+
+
 def pose_from_message(pose: Any) -> Pose | None:
-    """Return a geometry_msgs/Pose, normalised; None if it is not finite or its quaternion zero."""
+    """Return a geometry_msgs/Pose, normalised; None if it is far, or its quaternion no turn."""
     at, turn = pose.position, pose.orientation
     position = (float(at.x), float(at.y), float(at.z))
     orientation = (float(turn.x), float(turn.y), float(turn.z), float(turn.w))
     length = math.hypot(*orientation)
-    if not (all(map(math.isfinite, position)) and math.isfinite(length) and length > 0):
+    if is_far(position) or not (math.isfinite(length) and length > 0):
         return None
     if abs(length - 1.0) > 1e-6:
         x, y, z, w = (value / length for value in orientation)

@@ -126,7 +126,7 @@ def test_odometry_that_no_robot_can_have_is_logged_once_and_counted(map_path, pa
     setup.results.close()
     assert setup.recognition.pipeline.cameras.odometry_jumps == 5
     ((told,),) = (call.args for call in setup.logger.warning.call_args_list)
-    assert told.startswith('odometry has steps faster than 40 m/s, which are left out; check its')
+    assert told.startswith('odometry has steps faster than 40 m/s, which count as no motion')
 
 
 def test_errors_while_the_node_stops_are_not_logged(setup, image, gray, path):

@@ -101,6 +101,8 @@ def test_a_kitti_rotation_keeps_its_axis_and_angle(tmp_path_factory, numbers):
         (('nan 0 0 0 0 0 0 1',), 'line 1: nan is not a stamp'),
         (('inf 0 0 0 0 0 0 1',), 'line 1: inf is not a stamp'),
         (('x 0 0 0 0 0 0 1',), 'line 1: x is not a stamp'),
+        (('2 1e308 0 0 0 0 0 1',), 'line 1: a position of 1e.308 m is beyond'),
+        ((AHEAD, AHEAD.replace('2.5', '-3e8')), 'line 2: a position of -3e.08 m is beyond'),
     ],
 )
 def test_an_invalid_pose_is_named_with_its_line(file, lines, said):
@@ -206,6 +208,22 @@ def test_late_poses_are_left_out_and_a_backward_clock_jump_restarts_the_track():
     assert track.at(5 * SECOND) is None and track.at(SECOND) == pose(2)
 
 
+def test_a_single_pose_that_jumps_and_comes_back_is_left_out_and_a_reset_is_kept():
+    def track(*metres):
+        return PoseTrack((SECOND + number * 100 * MS, pose(x)) for number, x in enumerate(metres))
+
+    outlier = track(0, 1, 2, 500, 4, 5)
+    assert outlier.left_out == 1
+    for at_ms, metres in ((250, 2.5), (300, 3), (350, 3.5)):
+        assert outlier.at(SECOND + at_ms * MS).position[0] == pytest.approx(metres)
+    assert track(0, 1, 2, 500).last_stamp_ns == SECOND + 200 * MS  # not confirmed yet
+    for metres in ((0, 1, 2, 500, 501, 502), (0, 100, 200, 300, 400), (0, 1, 500, 900, 901)):
+        assert not track(*metres).left_out  # a reset, a wrong unit, and no order at all
+        assert track(*metres).at(SECOND + 400 * MS).position[0] == metres[4]
+    assert track(0, 1, 2, 500, 501).at(SECOND + 300 * MS).position[0] == 500
+    assert track(0, 100, 200, 300).at(SECOND + 200 * MS).position[0] == 200
+
+
 def test_a_live_track_forgets_what_is_old():
     track = PoseTrack(kept=10)
     for index in range(1000):
@@ -226,6 +244,9 @@ def test_quaternions_are_made_unit_and_impossible_ones_are_no_pose():
     assert pose_from_message(message(0, 0, 0.6, 0.8)).orientation == (0, 0, 0.6, 0.8)
     assert pose_from_message(message(0, 0, 0, 0)) is None
     assert pose_from_message(message(0, 0, math.nan, 1)) is None
+    far = message(0, 0, 0, 1)
+    far.position.x = 1e300
+    assert pose_from_message(far) is None
 
 
 def test_opposite_quaternions_are_the_same_turn():

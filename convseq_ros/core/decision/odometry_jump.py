@@ -4,14 +4,7 @@
 
 import math
 
-from convseq_ros.core.types import constants, Pose
-
-
-@constants
-class ROBOT:
-    """What a robot can do."""
-
-    fastest_mps: float = 40.0  # 144 km/h
+from convseq_ros.core.types import Pose, ROBOT
 
 
 class OdometryJumps:

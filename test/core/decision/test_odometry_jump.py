@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steps of odometry that no robot can have made."""
 
-from convseq_ros.core.decision.odometry_jump import OdometryJumps, ROBOT
+from convseq_ros.core.decision.odometry_jump import OdometryJumps
+from convseq_ros.core.types import ROBOT
 from poses import at
 import pytest
 
