@@ -12,7 +12,7 @@ from typing import Any
 from convseq_ros import __version__
 from convseq_ros.cli.outputs import refuse_chosen_outputs
 from convseq_ros.cli.streams import discard, OUTPUT
-from convseq_ros.config.arguments import Parser, refuse_foreign
+from convseq_ros.config.arguments import Parser, refuse_foreign, sentence
 from convseq_ros.errors import ConvseqError, printable
 from convseq_ros.node.process import hand_over, interrupt, use_one_thread
 
@@ -82,7 +82,7 @@ def _run(command: Any, name: str, arguments: list[str]) -> int:
     """Run the module of a sub-command with its arguments; return its exit code."""
     if name in NODES:
         command.become_node(NODES[name], arguments)
-    parser = Parser(prog=f'convseq {name}', description=COMMANDS[name].capitalize() + '.')
+    parser = Parser(prog=f'convseq {name}', description=sentence(COMMANDS[name]))
     command.describe(parser)
     options = parser.parse_args(arguments)
     refuse_foreign(_words_of(options))

@@ -25,7 +25,7 @@ from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.errors import printable
+from convseq_ros.errors import ConfigError, printable
 from convseq_ros.evaluation.provenance import processor, version_of
 from convseq_ros.io.output_file import FIGURE
 from convseq_ros.sources.recording_names import is_recording_file
@@ -64,12 +64,16 @@ def describe(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Print what the map or the recording holds, or what is installed."""
     file: Path | None = chosen.file
+    is_map = file and not (file.is_dir() or is_recording_file(file))
+    if chosen.picture and not is_map:
+        instead = f' instead of {file}' if file else ''
+        raise ConfigError(f'--picture: draws a map; name one{instead}')
     if file is None:
         installed = describe_installation()
         lines = [f'{name:12} {fact}'.rstrip() for name, fact in installed.items()]
         print(json.dumps(installed) if chosen.json else '\n'.join(lines))
         return 0
-    if file.is_dir() or is_recording_file(file):
+    if not is_map:
         facts = describe_recording(file, chosen_reading(chosen))
         print(json.dumps(facts) if chosen.json else '\n'.join(recording_lines(facts)))
         return 0
@@ -89,7 +93,7 @@ def run(chosen: argparse.Namespace) -> int:
             print(f'{name.replace("_", " "):12} {_readable(name, fact)}')
         print(in_short(facts))
     if chosen.picture:
-        draw_map(chosen.picture, opened)
+        draw_map(chosen.picture, opened, file)
         print(f'{chosen.picture}: drawn', file=sys.stderr)
     return 0
 

@@ -41,7 +41,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     text = 'write a page of the links, each with its pair of pictures'
     map_browse.describe(add_verb(verbs, 'browse', map_browse.run, text))
 
-    add = add_verb(verbs, 'unlink', _unlink, 'take links out of a map')
+    add = add_verb(verbs, 'unlink', _unlink, 'take links out of a map: all, unless some are named')
     add.add_argument('map', type=Path, help='changed in one step, or not at all')
     add.add_argument(
         '--place', type=int, action='append', default=[], metavar='N', help='whose link is wrong'

@@ -27,11 +27,11 @@ class PICTURE:
     named: int = 12  # maximum number of sessions in the legend
 
 
-def draw_map(path: Path, reference_map: ReferenceMap) -> None:
-    """Draw a map by its poses; MapError if it has none."""
+def draw_map(path: Path, reference_map: ReferenceMap, name: Path) -> None:
+    """Draw a map of this name by its poses; MapError if it has none."""
     poses = {at: place.pose for at, place in enumerate(reference_map.places) if place.pose}
     if not poses:
-        raise MapError(f'{path}: the map has no poses to draw it by; build it with --odom')
+        raise MapError(f'{name}: the map has no poses to draw it by; build it with --odom')
     points = {at: np.array(pose.position[:2]) for at, pose in poses.items()}
     _draw_drives((figure := new_figure(8, 6)).add_subplot(), reference_map, points)
     save(figure, path)

@@ -11,7 +11,7 @@ import sys
 from typing import Any, TypeVar
 
 from convseq_ros.config import Config, core_parameters, make_config, OnlineConfig, RobotConfig
-from convseq_ros.config.arguments import local
+from convseq_ros.config.arguments import local, sentence
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import add_parameters, given, parameters, refuse_unknown, Value
 from convseq_ros.config.reading_config import chosen_reading, ReadingConfig
@@ -32,9 +32,7 @@ def add_verb(
     verbs: Any, name: str, act: Callable[[argparse.Namespace], Any], text: str
 ) -> argparse.ArgumentParser:
     """Add a verb that runs `act` to a command; return its parser for further arguments."""
-    verb: argparse.ArgumentParser = verbs.add_parser(
-        name, help=text, description=text.capitalize() + '.'
-    )
+    verb: argparse.ArgumentParser = verbs.add_parser(name, help=text, description=sentence(text))
     verb.set_defaults(act=act)
     return verb
 

@@ -36,6 +36,11 @@ def refuse_foreign(words: Iterable[str]) -> None:
             raise ConfigError(f"'{printable(word)}' is not UTF-8; write it in UTF-8")
 
 
+def sentence(text: str) -> str:
+    """Return a text with a capital letter and a full stop; ROS stays as it is."""
+    return f'{text[0].upper()}{text[1:]}.'
+
+
 def local(text: str) -> str:
     """Return a file's name: `~` is the home folder, and `file://` the start of an address."""
     if text.startswith('file://'):

@@ -77,8 +77,13 @@ class ManagedNode(LifecycleNodeMixin, ListeningNode):
         try:
             change: Any = LifecycleNodeMixin.__dict__['_LifecycleNodeMixin__change_state']
             return change(self, number)
-        except RuntimeError as error:
-            self.get_logger().warning(f'transition {number} is not possible now: {error}')
+        except RuntimeError:
+            machine: Any = self._state_machine
+            ways = [f'{label} ({at})' for at, label, *_ in machine.available_transitions]
+            self.get_logger().warning(
+                f'transition {number} is not possible: the node is {machine.current_state[1]}; '
+                f'call {" or ".join(ways)}'
+            )
             return _REFUSED
 
     def _entities(self) -> dict[Callable[[Any], bool], list[Any]]:

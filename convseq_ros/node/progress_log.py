@@ -35,11 +35,12 @@ class ProgressLog:
         self._dropped_before: Counter[str] = Counter()
         self._timer = steady_timer(node, _PERIOD_S, self._tick)
 
-    def finish(self) -> None:
-        """Log a summary since the start, if any message arrived."""
+    def finish(self, waiting: int) -> None:
+        """Log a summary since the start, and how many frames still wait, if any arrived."""
         self._warn()
         if self._counters.received:
-            self._logger.info(f'at the end: {self._summary((0, 0, 0, 0.0))}')
+            left = f'; {waiting} still waited' if waiting else ''
+            self._logger.info(f'at the end: {self._summary((0, 0, 0, 0.0))}{left}')
 
     def _tick(self) -> None:
         now = time.monotonic()

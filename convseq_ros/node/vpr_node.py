@@ -169,7 +169,7 @@ class VprNode(ManagedNode):
         self._localization.give_up()
         if not self._worker.stop(patience_s) and self._ready:
             self.get_logger().warning('stopped in the middle of a frame')
-        self._progress.finish()
+        self._progress.finish(self._worker.waiting)
         if not self._maps.finish(_MAPS_TIMEOUT_S):
             self.get_logger().warning('stopped before a map was saved or opened')
         self._results.close()

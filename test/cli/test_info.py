@@ -169,7 +169,7 @@ def test_the_picture_of_a_straight_street_has_a_height(tmp_path):
     cells = np.zeros(street.cell_shape, np.float16)
     for x in range(5):
         street.add(Place(x, '', Pose((float(x), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))), cells)
-    draw_map(tmp_path / 'street.png', street)
+    draw_map(tmp_path / 'street.png', street, tmp_path / 'street.db')
     drawn = cv2.imread(str(tmp_path / 'street.png'), cv2.IMREAD_GRAYSCALE)
     rows = np.flatnonzero((drawn < 100).any(axis=1))
     assert rows.max() - rows.min() > drawn.shape[0] / 4

@@ -44,6 +44,7 @@ CASES = [
     ('map merge m.db other.db -o none/new.db', '--output: none/new.db', 'there is no folder'),
     ('map browse m.db -o m.db', '--output: m.db', ANOTHER),
     ('info m.db --picture p', '--picture: p', FIGURE),
+    ('info drive --picture a.png', '--picture: draws', 'a map; name one instead of drive'),
     ('report results --output set.yaml', '--output: set.yaml', PAGE),
 ]
 

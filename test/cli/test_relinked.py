@@ -117,4 +117,4 @@ def test_info_counts_places_and_draws_no_map_without_poses(path, tmp_path, capsy
     assert main(['info', str(path), '--picture', str(tmp_path / 'map.svg')]) == 1
     said = capsys.readouterr()
     assert '96 keyframes, 32 places, each passed 3.0 times; 64 links, 64 between' in said.out
-    assert 'map.svg: the map has no poses to draw it by; build it with --odom' in said.err
+    assert f'{path}: the map has no poses to draw it by; build it with --odom' in said.err

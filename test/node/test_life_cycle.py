@@ -119,10 +119,12 @@ def test_a_map_that_cannot_be_opened_refuses_to_be_configured(client, managed, t
     assert not change(CONFIGURE)
 
 
-def test_an_impossible_transition_is_refused_and_the_state_stays(client, managed, map_path):
+def test_an_impossible_transition_is_refused_and_the_state_stays(client, managed, map_path, capfd):
     _, change, state = managed(map_path=map_path)
     assert not change(ACTIVATE)
     assert not change(99)
+    told = 'transition 3 is not possible: the node is unconfigured; call configure (1) or'
+    assert told in capfd.readouterr().err
     assert state() == UNCONFIGURED
     assert change(CONFIGURE) and not change(CONFIGURE)
     assert state() == INACTIVE

@@ -226,6 +226,8 @@ def test_drops_are_logged_with_their_cause_and_query_numbers_count_them(
     start = 'at the end: 8 frames came, 3 processed'
     (last,) = client.wait_for(lambda: [text for _, text in told if text.startswith(start)])
     assert '5 dropped since the start' in last
+    node._progress.finish(waiting=56)
+    assert told[-1][1].endswith('; 56 still waited')
 
 
 def match(index):

@@ -55,7 +55,7 @@ class MapWriter:
         encoding = without_path(encoding)
         self._path, self.linked = path, 0  # `linked`: rows of links of the source already written
         if append and not path.is_file():
-            raise MapError(f'{path}: no such map to add to')
+            raise MapError(f'{path}: no such map to add to; leave out --append to make it')
         with as_map_error(path):
             self._database = open_to_write(path)
             try:
