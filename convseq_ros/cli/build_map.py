@@ -46,6 +46,8 @@ from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources import open_each_camera, Source
 from convseq_ros.sources.recording_names import recordings_in
 
+_MANY, _FEW = 30, 3  # frames, and places of them, that are worth a warning
+
 
 @dataclass(frozen=True, slots=True)
 class Built:
@@ -131,6 +133,12 @@ def run(chosen: argparse.Namespace) -> int:
             f'{built.bytes / 1e6:.1f} MB; {built.added} added from {built.frames} frames '
             f'at {built.frames / max(built.seconds, 1e-9):.0f} frames/s'
         )
+        if built.frames >= _MANY and built.added < _FEW:
+            warn(
+                f'{built.map}: only {built.added} of {built.frames} frames became places, too few '
+                'to recognise a drive; the others show nothing new by this image_size_px and '
+                'keyframe_overlap'
+            )
         if built.added and not (built.with_pose or chosen.odom or chosen.poses):
             print(f'no poses: {_why_no_pose(chosen)}')
     if built.interrupted:
@@ -163,6 +171,7 @@ def build(
     reading = with_first_stage(config, model).reading
     recordings = recordings_in(recording) if each else [recording]
     sessions = _sessions(recordings, session, reading, images)
+    config.robot.refuse_count(1 + max(number for _, number, _ in sessions))
     started, report, counts = time.monotonic(), on_warning or warn, _Counts()
     for name, number, source in sessions:
         is_first, before = source is sessions[0][2], counts.frames

@@ -44,6 +44,15 @@ class RobotConfig(Checked):
         """The six numbers of camera_to_base for the first camera."""
         return _numbers(self.camera_to_base.split(';')[0])
 
+    def refuse_count(self, cameras: int) -> None:
+        """Raise a ConfigError if poses are given, but not one for each camera."""
+        count = self.camera_to_base.count(';') + 1
+        if self.camera_to_base != _UNKNOWN_MOUNT and count != cameras:
+            raise ConfigError(
+                f'camera_to_base: {count} pose(s) for {cameras} camera(s); give one for each, '
+                'with a semicolon between'
+            )
+
     def of_camera(self, number: int) -> 'RobotConfig':
         """Return the settings of camera `number`; its pose is zeros if none is given."""
         mounts = self.camera_to_base.split(';')

@@ -37,6 +37,7 @@ class Cameras:
         describe: Describe | None = None,
     ) -> None:
         """Make a recogniser for each source; `coarse` makes the coarse scores of each."""
+        config.robot.refuse_count(len(sources) or 1)
         self.config = config
 
         def make(number: int, leader: PlaceRecognizer | None = None) -> PlaceRecognizer:

@@ -186,6 +186,8 @@ def _mount(
     """Return the mount of a camera by /tf_static, and tell it; None if it is unknown or given."""
     transforms = read_static_transforms(path, reading)
     if transforms is None:
+        if tf.base_frame != Tf().base_frame:
+            tf.tell(f'{path}: has no /tf_static; --base-frame {tf.base_frame} is not used')
         return None
     if not optical_frame and (first := next(source.messages(), None)):
         optical_frame = first.frame_id

@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 import re
 
@@ -109,6 +110,12 @@ class ImageFolder:
         times = {picture: stamp_ns for picture, stamp_ns in found.items() if stamp_ns is not None}
         if len(times) == len(found):
             self._pictures.sort(key=times.__getitem__)
+            if same := [two for two in pairwise(self._pictures) if times[two[0]] == times[two[1]]]:
+                names = ' and '.join(picture.name for picture in same[0])
+                self.warnings.append(
+                    f'{path}: {len(same)} of {len(found)} names have the time of another, such as '
+                    f'{names}, and are left out; give each camera a folder of its own'
+                )
             return [times[picture] for picture in self._pictures]
         if times:
             other = next(picture.name for picture in self._pictures if picture not in times)

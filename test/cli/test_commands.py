@@ -136,6 +136,12 @@ def test_parameters_come_from_a_ros_file_and_options_win(drive, map_path, tmp_pa
     assert {row['sequence_length'] for row in read_results(output)} == {'0', '5'}
 
 
+def test_a_build_of_hardly_any_place_says_why(tmp_path, capsys):
+    folder = written(tmp_path / 'drive', [scene(0)] * 30)
+    assert main(['build-map', str(folder), str(tmp_path / 'map.db')]) == 0
+    assert 'only 1 of 30 frames became places, too few' in capsys.readouterr().err
+
+
 @pytest.mark.parametrize('command', COMMANDS)
 def test_every_command_has_help(command, capsys):
     if command == 'play':  # it becomes another process

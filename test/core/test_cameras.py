@@ -100,7 +100,8 @@ def test_odometry_denies_a_camera_what_contradicts_the_other_one(shown):
 
     posed = [there(shown(number, number, seed=0), number, 0.0) for number in range(40)]
     mapped = build_map(posed, config=OWN)
-    cameras, alone = Cameras(mapped, OWN, [FRONT, REAR]), Cameras(mapped, OWN, [FRONT])
+    one = with_values(OWN, {'camera_to_base': '1 0 1 0 0 0'})
+    cameras, alone = Cameras(mapped, OWN, [FRONT, REAR]), Cameras(mapped, one, [FRONT])
     said = {REAR: [], FRONT: []}
     for number in range(9):  # until both are said to be near each other
         # What the front camera sees on the way back looks like the way ahead, from place 8 on.
@@ -136,3 +137,9 @@ def test_the_base_between_cameras_brings_one_mount_onto_the_other():
 def test_camera_to_base_needs_six_numbers_for_each_camera(said):
     with pytest.raises(ConfigError, match=r'camera_to_base: .*semicolon'):
         RobotConfig(camera_to_base=said)
+
+
+@pytest.mark.parametrize(('sources', 'count'), [((), 1), ((FRONT,), 1), ((FRONT, REAR, '/up'), 3)])
+def test_camera_to_base_of_more_or_fewer_cameras_is_refused(reference_map, sources, count):
+    with pytest.raises(ConfigError, match=rf'camera_to_base: 2 pose\(s\) for {count} camera'):
+        Cameras(reference_map, OWN, sources)

@@ -52,6 +52,13 @@ def test_times_in_names_are_stamps(tmp_path, names, stamps_ns):
     assert [frame.stamp_ns for frame in folder] == stamps_ns and folder.warnings == []
 
 
+def test_two_cameras_in_one_folder_are_reported(tmp_path):
+    for name in ('left_1305031102.1', 'right_1305031102.1', 'left_1305031102.2'):
+        draw(tmp_path / f'{name}.png')
+    (line,) = ImageFolder(tmp_path).warnings
+    assert '1 of 3 names have the time of another, such as left_1305031102.1.png and ri' in line
+
+
 def test_file_names_of_which_only_some_are_times_are_reported(tmp_path):
     for name in ('1305031102.175304', '1305031102.211214', 'cover'):
         draw(tmp_path / f'{name}.png')

@@ -87,8 +87,12 @@ def test_a_given_mount_overrides_tf_static_and_a_missing_transform_is_reported(o
     assert opened(SIDEWAYS, **how) == (None, told)
 
 
-def test_without_tf_static_nothing_is_reported(opened):
-    assert opened() == (None, [])
+@pytest.mark.parametrize(
+    ('how', 'told'),
+    [({}, []), ({'base_frame': 'nope'}, ['has no /tf_static; --base-frame nope is not used'])],
+)
+def test_without_tf_static_only_a_frame_that_was_named_is_reported(opened, how, told):
+    assert opened(**how) == (None, told)
 
 
 def test_a_camera_of_a_file_is_in_the_frame_of_the_images(opened, tmp_path):
