@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result table."""
 
+import threading
 from unittest.mock import Mock
 
 from convseq_ros.core.result_row import COLUMNS, row
@@ -100,6 +101,14 @@ def test_two_programs_do_not_write_the_same_table(tmp_path):
         with pytest.raises(OSError, match=r'another program writes it.*result.csv.part'):
             ResultWriter(path, COLUMNS)
     assert len(read_results(path)) == 1
+
+
+def test_an_interruption_finds_no_lock_that_it_could_leave_behind(tmp_path, monkeypatch):
+    with ResultWriter(tmp_path / 'result.csv', COLUMNS) as table, monkeypatch.context() as patch:
+        patch.setattr(
+            threading.Condition, '__enter__', Mock(side_effect=RuntimeError('interrupted'))
+        )
+        table.write(row(ACCEPTED, 1.0))
 
 
 def test_a_row_is_synced_to_disk_though_no_row_follows(tmp_path, monkeypatch):

@@ -10,10 +10,11 @@ import fcntl
 from itertools import count
 import os
 from pathlib import Path
-from threading import Event, Thread
+from threading import Thread
 from typing import IO, Self
 
 from convseq_ros.errors import SourceError
+from convseq_ros.io.bell import Bell
 from convseq_ros.io.regular_file import refuse_irregular, replace_safely, target_of
 
 _SYNC_EVERY_S = 1.0  # rows of this time may be lost in a power failure
@@ -46,7 +47,7 @@ class ResultWriter:
         self._file.truncate(0)
         self._table = csv.DictWriter(self._file, columns, lineterminator='\n')
         self._file.write(header)
-        self._written, self._end = Event(), Event()
+        self._written, self._end = Bell(), Bell()
         # A second handle, without the lock: the file may be closed during a sync.
         handle = os.open(self._part, os.O_RDONLY)
         Thread(target=_sync, args=(handle, self._written, self._end), daemon=True).start()
@@ -65,7 +66,7 @@ class ResultWriter:
         """Append a row, by column; OSError, naming the part file, if the disk is full."""
         with self._named():
             self._table.writerow(row)
-        self._written.set()
+        self._written.ring()
 
     def close(self) -> None:
         """Give the table its name; OSError, naming the part file, if the disk is full."""
@@ -88,8 +89,8 @@ class ResultWriter:
             raise
 
     def abandon(self) -> None:
-        self._end.set()
-        self._written.set()
+        self._end.end()
+        self._written.end()
         with suppress(OSError):
             self._file.close()
 
@@ -103,10 +104,9 @@ class ResultWriter:
             self.abandon()
 
 
-def _sync(handle: int, written: Event, end: Event) -> None:
+def _sync(handle: int, written: Bell, end: Bell) -> None:
     """Sync new rows to the disk, at most once a second, also if no row follows."""
-    while written.wait() and not end.is_set():
-        written.clear()
+    while written.wait():
         with suppress(OSError):
             os.fsync(handle)
         end.wait(_SYNC_EVERY_S)

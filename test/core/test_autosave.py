@@ -5,6 +5,8 @@
 import os
 import shutil
 import sqlite3
+import threading
+from unittest.mock import Mock
 
 from convseq_ros.core.map import autosave as module
 from convseq_ros.core.map import crash_recovery, writer
@@ -73,6 +75,18 @@ def test_a_place_is_written_though_nothing_comes_after_it(path):
         wait_for(lambda count=count: autosave.committed == count)
         assert holds(path) == count
     autosave.close()
+
+
+def test_an_interruption_finds_no_lock_that_it_could_leave_behind(path, monkeypatch):
+    autosave = own(path)
+    grow(autosave.reference_map, 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            threading.Condition, '__enter__', Mock(side_effect=RuntimeError('interrupted'))
+        )
+        autosave.save()
+    autosave.close()
+    assert holds(path) == 1
 
 
 def test_saved_pictures_leave_memory_and_can_still_be_read(path):

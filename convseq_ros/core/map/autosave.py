@@ -4,7 +4,7 @@
 
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from threading import Event, Lock, Thread
+from threading import Lock, Thread
 import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
@@ -16,6 +16,7 @@ from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
+from convseq_ros.io.bell import Bell
 
 _COMMIT_EVERY_S = 0.5  # a crash may lose this much; each commit waits for the disk
 _PLACES_AT_ONCE = 500  # in a transaction, 10 MB of memory
@@ -94,7 +95,7 @@ class Autosave(NoAutosave):
             self._left = _size_and_time(path)  # after the last write of ours
             self._opened = opened.pop_all()
         self._writing = Lock()
-        self._news, self._end = Event(), Event()
+        self._news, self._end = Bell(), Bell()
         self._thread = Thread(target=self._run, name='autosave', daemon=True)
         self._thread.start()
 
@@ -105,7 +106,7 @@ class Autosave(NoAutosave):
         MapError, once, if a write failed. It is repeated until it works, without further errors.
         """
         if self._is_behind(len(self.reference_map)):
-            self._news.set()
+            self._news.ring()
         super().save()
 
     def flush(self) -> None:
@@ -142,8 +143,8 @@ class Autosave(NoAutosave):
         keep_first(self._path, self.found)
 
     def _end_thread(self) -> None:
-        self._end.set()
-        self._news.set()
+        self._end.end()
+        self._news.end()
         self._thread.join()
 
     @property
@@ -152,8 +153,7 @@ class Autosave(NoAutosave):
         return bool(Pruning(self.reference_map, self._max_looks).surplus)
 
     def _run(self) -> None:
-        while self._news.wait() and not self._end.is_set():
-            self._news.clear()
+        while self._news.wait():
             is_reported = self.is_failing
             try:
                 self.flush()
@@ -161,7 +161,7 @@ class Autosave(NoAutosave):
                 if self.lost:
                     return
                 self._error = self._error if is_reported else error
-                self._news.set()
+                self._news.ring()
             self._end.wait(_COMMIT_EVERY_S)
 
     def _write(self) -> None:
