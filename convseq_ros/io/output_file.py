@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import os
 from pathlib import Path
 
-from convseq_ros.errors import ConfigError
+from convseq_ros.errors import ConfigError, printable
 
 _HEAD_BYTES = 512
 PAGE, FIGURE = ('.html', '.htm'), ('.png', '.svg', '.pdf')  # kinds
@@ -31,10 +31,11 @@ class OutputFile:
         """Raise a ConfigError if the file cannot be written, or would replace one of `others`."""
         try:
             problem = self._problem({os.path.realpath(other) for other in others})
-        except OSError as error:
-            problem = f'cannot be written ({error.strerror}); name another file'
+        except (OSError, ValueError) as error:
+            reason = getattr(error, 'strerror', None) or error
+            problem = f'cannot be written ({reason}); name another file'
         if problem:
-            raise ConfigError(f'{self.option}: {self.path} {problem}')
+            raise ConfigError(f'{self.option}: {printable(str(self.path))} {printable(problem)}')
 
     def _problem(self, others: set[str]) -> str:
         folder = Path(os.path.realpath(self.path)).parent
