@@ -73,21 +73,29 @@ def test_a_signal_at_work_ends_a_command_with_one_line(number, tmp_path):
     assert (done.returncode, done.stderr) == (1, 'convseq build-map: interrupted\n')
 
 
-# A signal that comes when a lock of the running step has just been taken.
+# A signal that comes when a frame has just taken a lock, for which the end of the work waits.
 AT_A_LOCK = """
 import os, signal, sys, threading
+from convseq_ros.core.map.autosave import Autosave
 
 class Late(threading.Condition):
     def __enter__(self):
-        taken, frame = super().__enter__(), sys._getframe()
-        while frame and not is_sent:
-            if frame.f_code.co_name == 'save' and 'autosave' in frame.f_code.co_filename:
-                is_sent.append(os.kill(os.getpid(), signal.SIGINT))
-            frame = frame.f_back
+        taken = super().__enter__()
+        os.kill(os.getpid(), signal.SIGINT)
         return taken
 
-is_sent = []
-threading.Condition = Late
+lock, save, close = Late(threading.Lock()), Autosave.save, Autosave.close
+
+def locking_save(self):
+    with lock:
+        save(self)
+
+def locking_close(self):
+    if not lock.acquire(timeout=1):
+        os._exit(3)
+    close(self)
+
+Autosave.save, Autosave.close = locking_save, locking_close
 from convseq_ros.node.process import run
 sys.exit(run('convseq_ros.cli', 1))
 """
@@ -101,6 +109,29 @@ def test_a_signal_while_a_lock_is_held_ends_a_command_after_the_frame(verb, tmp_
     done = run(sys.executable, '-c', AT_A_LOCK, verb, str(folder), *map(str, words), timeout=180)
     assert done.returncode == 1 and f'convseq {verb}: interrupted' in done.stderr
     assert len(open_map(path)) == 1 and len([*tmp_path.glob('map.db*')]) == 1
+
+
+@pytest.mark.parametrize(('reads', 'works'), [(0, None), (1, None), (3, None), (None, 2)])
+def test_an_interruption_waits_for_the_end_of_a_step(reads, works, monkeypatch):
+    monkeypatch.setattr(process, '_later', None)
+    monkeypatch.setattr(sys, 'unraisablehook', sys.unraisablehook)
+    read, worked = [], []
+
+    def items():
+        for number in range(4):
+            if number == reads:
+                process.interrupt()
+            read.append(number)
+            if number < 3:
+                yield number
+
+    with pytest.raises(KeyboardInterrupt):
+        for number in process.steps(items()):
+            if number == works:
+                process.interrupt()
+            worked.append(number)
+    last = 3 if reads is None else reads
+    assert read == [*range(last + 1)] and worked == [*range(last)] and not process._is_held
 
 
 @pytest.fixture(autouse=True)

@@ -106,9 +106,11 @@ def steps(items: Iterable[Item]) -> Iterator[Item]:
     _is_held, _is_asked = True, False
     try:
         for item in items:
-            yield item
             if _is_asked:
-                raise KeyboardInterrupt
+                break
+            yield item
+        if _is_asked:
+            raise KeyboardInterrupt
     finally:
         _is_held = False
 
