@@ -100,7 +100,11 @@ def of_office(folder: Path, changes: dict[str, Any]) -> Drive:
 
 
 def of_laps(folder: Path, changes: dict[str, Any], what: str) -> Drive:
-    """Return the drive after the first lap, the other circuit, laps online, or pieces of laps."""
+    """
+    Return the drive after the first lap, the other circuit, laps online, or pieces of laps.
+
+    Or, for `half first` and so on, the drive after the first lap in half of the map.
+    """
     truth = laps.read_truth(folder / 'ground_truth.csv')
     shown = []
     for frame in ImageFolder(folder / 'drive'):
@@ -110,6 +114,9 @@ def of_laps(folder: Path, changes: dict[str, Any], what: str) -> Drive:
     mapped, queries = shown[:first], shown[first:]
     if what == 'online':
         mapped, queries = [], shown
+    elif what.startswith('half'):
+        begin, end = kept_halves(len(mapped))[what.split()[1]]
+        mapped = mapped[begin:end]
     elif what == 'other':
         queries = [(frame, math.inf) for frame in ImageFolder(folder / 'other')]
     elif what == 'jumps':
@@ -186,6 +193,7 @@ def more(data: Path | None, changes: dict[str, Any]) -> list[Make]:
         of = partial(of_laps, data / 'laps', changes)
         found += [
             partial(of, 'online'), partial(of, 'jumps'),
+            partial(of, 'half first'), partial(of, 'half middle'), partial(of, 'half last'),
             partial(corridor, 'first'), partial(corridor, 'last'),
             partial(own_corridor, data / 'corridor', changes),
             partial(of_office, data / 'rtabmap84', changes),

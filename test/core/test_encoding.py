@@ -243,7 +243,7 @@ def test_the_core_opens_no_mask(image, mask, tmp_path):
         lambda: build_map([], tmp_path / 'new.db', Config(encoding=encoding)),
         lambda: open_map(tmp_path / 'map.db', encoding),
     ):
-        with pytest.raises(ConfigError, match=r'image_mask: .*mask\.png is a file; read it'):
+        with pytest.raises(ConfigError, match=r'image_mask: .*mask\.png is a file; use .*masked'):
             use()
     assert not (tmp_path / 'new.db').exists()
 

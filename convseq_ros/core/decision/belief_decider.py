@@ -171,12 +171,12 @@ class BeliefDecider(Decider):
 
     def _best_look(self, best: int, observed: Observation) -> int:
         """Return the strongest look of a place for the newest frame, or the place beside it."""
-        looks = self._strengths(best, observed)
-        strongest = max(looks, key=lambda look: looks[look], default=best)
+        strengths = self._strengths(best, observed)
+        strongest = max(strengths, key=lambda look: strengths[look], default=best)
         if strongest not in self._map.bounds.around(best, SAME_PLACE):
             return strongest
-        beside = [look for look in looks if look in self._map.bounds.around(best, 1)]
-        return max(beside, key=lambda look: looks[look], default=best)
+        beside = [look for look in strengths if look in self._map.bounds.around(best, 1)]
+        return max(beside, key=lambda look: strengths[look], default=best)
 
     def _strengths(self, best: int, observed: Observation) -> dict[int, float]:
         """Return the verification scores of a place and of its looks that were verified."""

@@ -105,7 +105,7 @@ class Evidence:
     keypoints: Doubles  # (n,), k: log ratios; 0 where not asked
     distances: Doubles  # (n, n), in places; inf if one says nothing of the other
     is_strongest: Flags  # (n,), which places lie at the strongest one
-    follows: float  # share of the belief's places, in [0, 1], that predicted the strongest one
+    follows: float  # probability of the strongest place before the frame, if the robot is mapped
     chance: float  # that the strongest place of a drive elsewhere lies there, in (0, 1]
     affirmed: float  # ratio by which keypoints affirm the strongest place; 1 if not asked
     weight: float  # of what speaks for a place, in [0, 1]; 0 without enough rivals

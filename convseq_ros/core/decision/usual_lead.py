@@ -29,10 +29,10 @@ class KEYPOINTS:
 
     usual: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0)  # leads that may be usual
     by_day: float = 6.0  # the likeliest of them at first, if drive and map have the same light ...
-    dark: float = 0.45  # ... and it falls to 0 at this difference of `KeypointWitness.difference`
+    dark: float = 0.45  # ... and it falls to 0 at this difference of `Light.difference`
     spread: float = 0.8  # difference from the likeliest over which the probability falls by e
-    # Of the mass of a place, per keyframe: takes another usual lead. As much of what is known of
-    # the drive is replaced by what a match shows.
+    # Share of the mass of a place that takes its usual lead anew, per keyframe; also the weight of
+    # the last match in what is learned of the drive.
     changing: float = 0.1
     copies: float = 0.001  # share of mass that enters the map at a copy of a place
     sigma: float = 1.6  # of the leads of true places, and of others about 0
