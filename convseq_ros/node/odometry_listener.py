@@ -101,8 +101,8 @@ class OdometryListener:
             self.waiting.notify()
         if has_outliers:
             self._node.get_logger().warning(
-                f'{self._subscription.topic}: a single pose that jumps faster than '
-                f'{ROBOT.fastest_mps:g} m/s and back is left out; look at its publisher',
+                f'{self._subscription.topic}: poses that jump faster than '
+                f'{ROBOT.fastest_mps:g} m/s and back are left out; look at its publisher',
                 once=True,
             )
         self.on_pose(stamp_ns, message.header.frame_id)

@@ -14,6 +14,7 @@ LONGEST_GAP_NS = 1_000_000_000
 _FURTHEST_NS = 100_000_000
 _CLOCK_JUMP_NS = 1_000_000_000
 _NEARLY_PARALLEL = 0.9995
+_CONFIRMING = 5  # poses in a row that show a reset of odometry; fewer that come back are outliers
 
 
 @constants
@@ -28,16 +29,16 @@ class PoseTrack:
     Poses in order of time, interpolated between neighbours, and extrapolated up to 0.1 s.
 
     Stamps are nanoseconds, ascending. At least the newest `kept` poses are stored, by default all.
-    There is no pose between two that are more than a second apart. A single pose that is far off
-    its neighbours is left out: one that jumps is kept only if the next one confirms it.
+    There is no pose between two that are more than a second apart. Poses that jump are kept only
+    if none of the next few comes back: those of a reset are, outliers are left out.
     """
 
     def __init__(self, stamped: Iterable[tuple[int, Pose]] = (), kept: int | None = None) -> None:
         self._kept = kept
         self._stamps: list[int] = []
         self._poses: list[Pose] = []
-        self._doubted: tuple[int, Pose] | None = None
-        self._is_steady, self.left_out = False, 0
+        self._doubted: list[tuple[int, Pose]] = []
+        self.left_out = 0
         for stamp_ns, pose in stamped:
             self.add(stamp_ns, pose)
 
@@ -52,32 +53,37 @@ class PoseTrack:
         if late_ns > _CLOCK_JUMP_NS:
             self._stamps.clear()
             self._poses.clear()
-            self._doubted, self._is_steady = None, False
+            self._doubted.clear()
         elif late_ns >= 0:
             return
-        for one in self._believed(stamp_ns, pose):
+        for one in self._believed((stamp_ns, pose)):
             self._stamps.append(one[0])
             self._poses.append(one[1])
         if self._kept and len(self._stamps) >= 2 * self._kept:
             del self._stamps[: -self._kept], self._poses[: -self._kept]
 
-    def _believed(self, stamp_ns: int, pose: Pose) -> list[tuple[int, Pose]]:
-        """Return the poses to append after the next one: none, it, or the doubted one as well."""
-        newest, doubted = (stamp_ns, pose), self._doubted
-        if not self._stamps:
+    def _believed(self, newest: tuple[int, Pose]) -> list[tuple[int, Pose]]:
+        """Return the poses to append after the next one: none, it, or the doubted ones as well."""
+        doubted, self._doubted = self._doubted, []
+        if not self._is_steady or self._comes_back(doubted, newest):
+            self.left_out += len(doubted)
             return [newest]
-        was_steady, last = self._is_steady, (self._stamps[-1], self._poses[-1])
-        self._is_steady, self._doubted = not _is_jump(last, newest), None
-        if self._is_steady or (not was_steady and doubted is None):
-            self.left_out += doubted is not None
-            return [newest]
-        if doubted is None:
-            self._doubted = newest
-            return []
-        if stamp_ns > doubted[0] and not _is_jump(doubted, newest):
-            self._is_steady = True
-            return [doubted, newest]
-        return [newest]
+        doubted = [*(one for one in doubted if one[0] < newest[0]), newest]
+        if len(doubted) < _CONFIRMING:
+            self._doubted, doubted = doubted, []
+        return doubted
+
+    @property
+    def _is_steady(self) -> bool:
+        """Whether the last step was no jump; after one, poses have no order that one can break."""
+        last_two = list(zip(self._stamps[-2:], self._poses[-2:], strict=True))
+        return len(last_two) > 1 and not _is_jump(*last_two)
+
+    def _comes_back(self, doubted: list[tuple[int, Pose]], newest: tuple[int, Pose]) -> bool:
+        """Return whether a pose continues those that are believed, and not those in doubt."""
+        if doubted and not _is_jump(doubted[-1], newest):
+            return False
+        return not _is_jump((self._stamps[-1], self._poses[-1]), newest)
 
     def at(self, stamp_ns: int) -> Pose | None:
         """Return the pose at a time, up to 0.1 s after the last one; None if it is unknown."""

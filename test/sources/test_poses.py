@@ -208,20 +208,42 @@ def test_late_poses_are_left_out_and_a_backward_clock_jump_restarts_the_track():
     assert track.at(5 * SECOND) is None and track.at(SECOND) == pose(2)
 
 
-def test_a_single_pose_that_jumps_and_comes_back_is_left_out_and_a_reset_is_kept():
-    def track(*metres):
-        return PoseTrack((SECOND + number * 100 * MS, pose(x)) for number, x in enumerate(metres))
+def track_of(*metres):
+    return PoseTrack((SECOND + number * 100 * MS, pose(x)) for number, x in enumerate(metres))
 
-    outlier = track(0, 1, 2, 500, 4, 5)
-    assert outlier.left_out == 1
-    for at_ms, metres in ((250, 2.5), (300, 3), (350, 3.5)):
-        assert outlier.at(SECOND + at_ms * MS).position[0] == pytest.approx(metres)
-    assert track(0, 1, 2, 500).last_stamp_ns == SECOND + 200 * MS  # not confirmed yet
-    for metres in ((0, 1, 2, 500, 501, 502), (0, 100, 200, 300, 400), (0, 1, 500, 900, 901)):
-        assert not track(*metres).left_out  # a reset, a wrong unit, and no order at all
-        assert track(*metres).at(SECOND + 400 * MS).position[0] == metres[4]
-    assert track(0, 1, 2, 500, 501).at(SECOND + 300 * MS).position[0] == 500
-    assert track(0, 100, 200, 300).at(SECOND + 200 * MS).position[0] == 200
+
+@pytest.mark.parametrize(
+    'outliers', [[500], [500, 501], [500, -300, 7000], [500, 500.5, 501, 501.5], [12, 13]]
+)
+def test_poses_that_jump_and_come_back_are_left_out(outliers):
+    back = 3 + len(outliers)
+    track = track_of(0, 1, 2, *outliers, back, back + 1)
+    assert track.left_out == len(outliers)
+    for x in np.arange(2, back, 0.5):
+        assert track.at(SECOND + int(x * 100) * MS).position[0] == pytest.approx(x)
+
+
+@pytest.mark.parametrize(
+    'metres',
+    [
+        (0, 1, 2, 500, 501, 502, 503, 504),  # a reset
+        (0, 1, 2, 12, 12.5, 13, 13.5, 14),  # which the robot might have reached meanwhile
+        (0, 100, 200, 300, 400, 500, 600, 700),  # a wrong unit
+        (0, 1, 500, 900, 901, 300, 2000, 100),  # no order at all
+    ],
+)
+def test_poses_that_jump_and_stay_away_are_kept(metres):
+    track = track_of(*metres)
+    assert not track.left_out
+    assert [track.at(SECOND + step * 100 * MS).position[0] for step in range(8)] == list(metres)
+
+
+def test_a_jump_is_not_believed_until_the_next_poses_confirm_it():
+    assert track_of(0, 1, 2, 500, 501, 502, 503).last_stamp_ns == SECOND + 200 * MS
+    track = track_of(0, 1, 2, 500)
+    for stamp_ns, x in ((SECOND + 300 * MS, 500), (SECOND + 250 * MS, 2.5)):  # late ones replace
+        track.add(stamp_ns, pose(x))
+    assert track.last_stamp_ns == SECOND + 250 * MS
 
 
 def test_a_live_track_forgets_what_is_old():
