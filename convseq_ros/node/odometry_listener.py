@@ -6,7 +6,7 @@ from collections.abc import Callable
 import time
 from typing import Any
 
-from convseq_ros.core.types import Pose, ROBOT
+from convseq_ros.core.types import Pose
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.following_subscription import FollowingSubscription
 from convseq_ros.node.listener import ListeningNode
@@ -97,12 +97,9 @@ class OdometryListener:
         with self.waiting.changed:
             self.frame_id = message.header.frame_id
             self._track.add(stamp_ns, pose)
-            self._arrived_s, has_outliers = time.monotonic(), self._track.left_out > 0
+            self._arrived_s, problem = time.monotonic(), self._track.problem
             self.waiting.notify()
-        if has_outliers:
-            self._node.get_logger().warning(
-                f'{self._subscription.topic}: poses that jump faster than '
-                f'{ROBOT.fastest_mps:g} m/s and back are left out; look at its publisher',
-                once=True,
-            )
+        if problem:
+            topic = self._subscription.topic
+            self._node.get_logger().warning(f'{topic}: {problem}', once=True)
         self.on_pose(stamp_ns, message.header.frame_id)

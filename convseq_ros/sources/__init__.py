@@ -99,7 +99,8 @@ class SeveralCameras:
 
     def __iter__(self) -> Iterator[Frame]:
         yield from heapq.merge(*self._sources, key=lambda frame: frame.stamp_ns)
-        self.warnings[:] = [line for source in self._sources for line in source.warnings]
+        lines = [line for source in self._sources for line in source.warnings]
+        self.warnings[:] = dict.fromkeys(lines)  # cameras may share poses
 
 
 def open_source(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Source:
@@ -171,12 +172,14 @@ def _poses(
 ) -> PoseAt | None:
     """Return the poses of a source's frames, of a file or of a topic; None without either."""
     if poses:
-        pose_at = read_pose_file(Path(poses), len(source), reading)
+        pose_at = read_pose_file(Path(poses), len(source), reading, source.warnings)
         _refuse_other_times(source, pose_at, Path(poses))
         return pose_at
     if not odom:
         return None
     track = PoseTrack(read_poses(path, odom, reading))
+    if track.problem:
+        source.warnings.append(f'{odom}: {track.problem}')
     return lambda _index, stamp_ns: track.at(stamp_ns)
 
 

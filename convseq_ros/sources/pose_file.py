@@ -24,13 +24,19 @@ _TO_ROBOT = ROBOT_LENS[:3, :3]
 _ROTATION_ERROR = 1e-3  # maximum error of a product of axes; files have six digits
 
 
-def read_pose_file(path: Path, frames: int, reading: ReadingConfig = ReadingConfig()) -> PoseAt:
+def read_pose_file(
+    path: Path,
+    frames: int,
+    reading: ReadingConfig = ReadingConfig(),
+    warnings: list[str] | None = None,
+) -> PoseAt:
     """
     Return a function that gives a frame's pose from a file with one pose per line; or SourceError.
 
     A line of 8 numbers is TUM's: stamp in seconds, position, quaternion; poses are interpolated
     between two stamps. A line of 12 numbers is KITTI's: the 3 x 4 matrix of the camera, one for
     each of the `frames`; its axes are converted from those of a lens to those of a robot.
+    `warnings` gets the line of `PoseTrack.problem`, if there is one.
     """
     text = read_text(path, 'a text file with one pose per line', reading)
     lines = [(number, line.split()) for number, line in enumerate(text.splitlines(), 1)]
@@ -50,6 +56,8 @@ def read_pose_file(path: Path, frames: int, reading: ReadingConfig = ReadingConf
             raise SourceError(f'{path}, line {number}: {str(error)[:200]}') from None
     if size == _TUM:
         track = PoseTrack(sorted(stamped, key=lambda item: item[0]))
+        if track.problem and warnings is not None:
+            warnings.append(f'{path}: {track.problem}')
         return lambda _index, stamp_ns: track.at(stamp_ns)
     if len(rows) != frames:
         raise SourceError(

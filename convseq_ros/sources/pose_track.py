@@ -47,6 +47,14 @@ class PoseTrack:
         """Stamp of the newest pose, nanoseconds; None if there is none."""
         return self._stamps[-1] if self._stamps else None
 
+    @property
+    def problem(self) -> str:
+        """What was left out so far, in one line; empty if nothing was."""
+        if not self.left_out:
+            return ''
+        jump = f'poses that jump faster than {ROBOT.fastest_mps:g} m/s and back'
+        return f'{jump} are left out ({self.left_out}); look at their source'
+
     def add(self, stamp_ns: int, pose: Pose) -> None:
         """Append a newer pose; if a pose is over a second older, the clock was set back."""
         late_ns = self._stamps[-1] - stamp_ns if self._stamps else -1

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import SourceError
-from convseq_ros.sources import open_annotated
+from convseq_ros.sources import in_order, open_annotated
 from convseq_ros.sources.pose_file import read_pose_file
 from convseq_ros.sources.pose_track import pose_from_message, PoseTrack
 import cv2
@@ -19,6 +19,7 @@ import numpy as np
 from poses import at as pose
 from programs import run
 import pytest
+import recordings
 
 AHEAD = '1 0 0 0 0 1 0 0 0 0 1 2.5'  # of a lens: 2.5 m along its axis
 # Turned by 90 degrees to the right, about the axis that points down; 1 m to the right and 3 down.
@@ -244,6 +245,23 @@ def test_a_jump_is_not_believed_until_the_next_poses_confirm_it():
     for stamp_ns, x in ((SECOND + 300 * MS, 500), (SECOND + 250 * MS, 2.5)):  # late ones replace
         track.add(stamp_ns, pose(x))
     assert track.last_stamp_ns == SECOND + 250 * MS
+
+
+def test_poses_that_are_left_out_are_told_once(write, pictures, file):
+    metres = [0, 1, 2, 500, 501, *range(5, 12)]
+    rows, lines = recordings.drive(pictures), []
+    for number, x in enumerate(metres):
+        stamp_ns = recordings.START_NS + recordings.STEP_NS * number
+        rows.append(('/odom', stamp_ns, recordings.odometry(float(x), stamp_ns)))
+        lines.append(f'{stamp_ns / 1e9:.9f} {x} 0 0 0 0 0 1')
+    path, poses = write('mcap file', rows), file(*lines)
+    for name, option in (('/odom', {'odom': '/odom'}), (poses, {'poses': poses})):
+        cameras = [open_annotated(path, **option), open_annotated(path, **option)]
+        source = in_order(cameras)
+        assert len(list(source)) == 24
+        (told,) = source.warnings
+        assert told.startswith(f'{name}: poses that jump faster than 40 m/s and back are left out')
+        assert '(2)' in told
 
 
 def test_a_live_track_forgets_what_is_old():
