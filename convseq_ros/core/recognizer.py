@@ -163,12 +163,13 @@ class PlaceRecognizer:
 
     def _decide(self, frame: Frame, usable: int, missing: int) -> Answer:
         """Return the answer to the newest keyframe; matches are apart in time."""
-        if self._buffer.newest.features is None:
+        features = self._buffer.newest.features
+        if features is None:
             return Answer(Reason.UNINFORMATIVE)
         if not usable:
             return Answer(self.mapping.nothing_usable)
         start = self.mapping.session_start
-        query = Query(frame, self._buffer, usable, start, self.config, missing)
+        query = Query(frame, features, self._buffer, usable, start, self.config, missing)
         answer = self.decider.decide(query)
         if answer.reason is not Reason.ACCEPTED:
             return answer
@@ -180,7 +181,7 @@ class PlaceRecognizer:
 
     def _measured(self, frame: Frame, answer: Answer) -> Match:
         """Return an answer as a match, with the shift of its best place; if accepted, its pose."""
-        match = self._as_match(frame, answer, self._buffer.pairs_scored)
+        match = self._as_match(frame, answer)
         features = self._buffer.newest.features
         if features is None or not match.candidates:
             return match
@@ -201,15 +202,15 @@ class PlaceRecognizer:
             return Answer(reason)
         return Answer(reason, last.candidates, last.sequence_length, last.confidence)
 
-    def _as_match(self, frame: Frame, answer: Answer, pairs: int = 0) -> Match:
-        """Return an answer to the newest frame as a match, after `pairs` image pairs."""
+    def _as_match(self, frame: Frame, answer: Answer) -> Match:
+        """Return an answer to the newest frame as a match."""
         return Match(
             self._count,
             frame.stamp_ns,
             answer.reason,
             answer.candidates,
             answer.length,
-            pairs,
+            answer.pairs_scored,
             answer.confidence if answer.candidates else None,
             implausible_m=answer.implausible_m,
         )

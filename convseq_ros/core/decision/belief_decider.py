@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The decision by the belief: a place is a match if it holds nearly all of the mass."""
 
+from dataclasses import replace
 import math
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.belief import Belief
-from convseq_ros.core.decision.comparison import Comparer
+from convseq_ros.core.decision.comparison import COMPARED, Comparer
 from convseq_ros.core.decision.decider import Answer, candidate, Decider, distinct_peaks, Query
 from convseq_ros.core.decision.evidence import evidence_length, novelty
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
@@ -54,7 +55,7 @@ class BeliefDecider(Decider):
         witness = KeypointWitness(reference_map, keypoints)
         self._comparer = Comparer(coarse, matcher, self._near, matching.shortlist_length)
         self._matcher = matcher
-        self._observer = Observer(self._comparer, matcher, self._near, witness)
+        self._observer = Observer(matcher, self._near, witness)
 
     @property
     def odometry_jumps(self) -> int:
@@ -92,7 +93,8 @@ class BeliefDecider(Decider):
         belief.motion.move(pose, query.missing, new)
         self._prior.move(frame.stamp_ns, pose)
         belief.predict(query.usable, query.session_start)
-        observed = self._observer.observe(query, belief, new)
+        compared = self._comparer.compare(query, belief.likeliest(COMPARED.peaks))
+        observed = self._observer.observe(query, compared, belief, new)
         entry = self._prior.entry_prior(observed.places, query.session_start)
         belief.update(
             observed.places,
@@ -102,8 +104,8 @@ class BeliefDecider(Decider):
             query.session_start,
             observed.keypoints,
         )
-        query.buffer.note_evidence(self._evidence(observed))
-        return self._answer(query, observed)
+        query.buffer.note(compared.row, self._evidence(observed))
+        return replace(self._answer(query, observed), pairs_scored=compared.pairs_scored)
 
     def _evidence(self, observed: Observation) -> float:
         """Return the log ratio by which a frame speaks for the likeliest place, at least 0."""

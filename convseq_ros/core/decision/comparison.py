@@ -10,9 +10,8 @@ pair scores. The best of these are verified.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from convseq_ros.core.decision.decider import distinct_peaks
+from convseq_ros.core.decision.decider import distinct_peaks, Query
 from convseq_ros.core.decision.likelihood import strength_of
-from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.neighbourhood import Neighbourhood
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
@@ -45,8 +44,10 @@ class COMPARED:
 class Comparison:
     """Places that a frame was compared with."""
 
-    places: Indices  # (n,), ascending
-    scores: Doubles  # (n,), pair scores
+    row: Row  # pair scores (usable,), NaN where not scored
+    pairs_scored: int
+    places: Indices  # (n,), those with a pair score, ascending
+    scores: Doubles  # (n,), their pair scores
     verified: Mapping[int, Verification]  # of some of them, by place
     peaks: Sequence[int]  # places with the best pair scores, apart from each other
 
@@ -69,26 +70,21 @@ class Comparer:
         """Compare frames with fewer places from now on: the drive has its first match."""
         self._frames = COMPARED.first_frames
 
-    def compare(self, buffer: QueryBuffer, usable: int, predicted: Sequence[int]) -> Comparison:
-        """
-        Compare the newest frame of a buffer with places, among them the `predicted` ones.
-
-        The first `usable` places may be matched. `predicted` are the likeliest, best first. An
-        uninformative frame is compared with none.
-        """
-        self._coarse.update(buffer.newest.descriptor, usable)
-        features, before = buffer.newest.features, np.array(predicted[: COMPARED.peaks], np.int64)
-        if features is None:
-            return Comparison(np.zeros(0, np.int64), np.zeros(0), {}, ())
+    def compare(self, query: Query, predicted: Sequence[int]) -> Comparison:
+        """Compare a query with places, among them the likeliest as `predicted`, best first."""
+        self._coarse.update(query.buffer.newest.descriptor, query.usable)
+        features, before = query.features, np.array(predicted[: COMPARED.peaks], np.int64)
+        row = np.full(query.usable, np.nan, np.float32)
         self._frames += 1
         is_first = self._frames <= COMPARED.first_frames
         newest = COMPARED.first_listed if is_first else self._listed // 4
         likely = np.union1d(self._coarse.best(self._listed, newest), before)
         most = COMPARED.first_scored if is_first else COMPARED.scored
         likely = self._promising(features, likely, most)
-        places, scores = _scored(buffer, np.union1d(likely, before))
+        pairs = self._score(features, np.union1d(likely, before), row)
+        places, scores = _scored(row)
         if not len(places):
-            return Comparison(places, scores, {}, ())
+            return Comparison(row, pairs, places, scores, {}, ())
         peaks = self._peaks(places, scores, COMPARED.peaks)
         checked = [place for place in before[: COMPARED.checked].tolist() if place in places]
         verified = self._verified(features, {}, [*peaks, *checked])
@@ -96,18 +92,21 @@ class Comparer:
         beside = places[self._near.within(places, best, COMPARED.verify_radius)]
         verified = self._verified(features, verified, beside.tolist())
         best = _strongest(verified, peaks[0])
-        if not self.has_controls(places, best):
+        if not has_controls(self._near, places, best):
             others = self._coarse.best(COMPARED.fewest, 0, self._near.ranges(best))
-            places, scores = _scored(buffer, np.union1d(places, others))
+            pairs += self._score(features, others, row)
+            places, scores = _scored(row)
             is_away = ~self._near.mask(places, best)
             more = self._peaks(places[is_away], scores[is_away], COMPARED.peaks - 1)
             verified = self._verified(features, verified, more)
             peaks += more
-        return Comparison(places, scores, verified, peaks)
+        return Comparison(row, pairs, places, scores, verified, peaks)
 
-    def has_controls(self, places: Indices, best: int) -> bool:
-        """Return whether enough places (n,) show neither the best one nor one near it."""
-        return int((~self._near.mask(places, best)).sum()) >= COMPARED.fewest
+    def _score(self, features: Features, places: Indices, row: Row) -> int:
+        """Score a query against places, each once; return how many pairs were scored."""
+        missing = places[np.isnan(row[places])]
+        row[missing] = self._matcher.scores_of([(features, missing)])[0]
+        return len(missing)
 
     def _promising(self, features: Features, places: Indices, most: int) -> Indices:
         """Return the `most` best places by rough scores, with at least 8 controls among them."""
@@ -133,15 +132,17 @@ class Comparer:
         return {**known, **self._matcher.verified(features, missing)}
 
 
+def has_controls(near: Neighbourhood, places: Indices, best: int) -> bool:
+    """Return whether enough places (n,) show neither the best one nor one near it."""
+    return int((~near.mask(places, best)).sum()) >= COMPARED.fewest
+
+
 def _strongest(verified: Mapping[int, Verification], otherwise: int) -> int:
     """Return the place with the highest strength, the first of equals."""
     return max(verified, key=lambda place: strength_of(verified[place]), default=otherwise)
 
 
-def _scored(buffer: QueryBuffer, places: Indices) -> tuple[Indices, Doubles]:
+def _scored(row: Row) -> tuple[Indices, Doubles]:
     """Return the places that have pair scores, ascending, and these scores."""
-    buffer.score(1, places)
-    row: Row = buffer.rows[0] if buffer.rows[0] is not None else np.zeros(0, np.float32)
-    scores = row[places].astype(np.float64)
-    is_scored = np.isfinite(scores)
-    return places[is_scored], scores[is_scored]
+    places = np.flatnonzero(np.isfinite(row))
+    return places, row[places].astype(np.float64)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from convseq_ros.config import Config
 from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.map.place import Place
+from convseq_ros.core.similarity.matcher import Features
 from convseq_ros.core.types import Candidate, Candidates, Doubles, Flags, Frame, Reason
 import numpy as np
 
@@ -17,6 +18,7 @@ class Query:
     """An informative keyframe, with the keyframes before it."""
 
     frame: Frame
+    features: Features  # of the frame
     buffer: QueryBuffer  # its newest frame is the query
     usable: int  # number of places, from the first, that may be matched; at least one
     session_start: int  # places from this index on are of the running drive
@@ -33,6 +35,7 @@ class Answer:
     length: int = 0  # k: number of frames on which it rests
     confidence: float | None = None  # probability that the best is right, if it is known
     implausible_m: float | None = None  # distance of the best beyond what odometry allows
+    pairs_scored: int = 0
 
 
 def candidate(

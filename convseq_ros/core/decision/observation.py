@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import math
 
 from convseq_ros.core.decision.belief import Belief
-from convseq_ros.core.decision.comparison import COMPARED, Comparer
+from convseq_ros.core.decision.comparison import COMPARED, Comparison, has_controls
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import (
@@ -53,23 +53,21 @@ class Observation:
 class Observer:
     """Turns what the frames of one camera's drive show into likelihood ratios of places."""
 
-    def __init__(
-        self, comparer: Comparer, matcher: Matcher, near: Neighbourhood, witness: KeypointWitness
-    ) -> None:
-        self._comparer, self._matcher, self._near = comparer, matcher, near
+    def __init__(self, matcher: Matcher, near: Neighbourhood, witness: KeypointWitness) -> None:
+        self._matcher, self._near = matcher, near
         self._witness, self._likelihood = witness, Likelihood()
 
     def reset(self) -> None:
         self._likelihood.reset()
 
-    def observe(self, query: Query, belief: Belief, novelty: float = 1.0) -> Observation:
+    def observe(
+        self, query: Query, compared: Comparison, belief: Belief, novelty: float = 1.0
+    ) -> Observation:
         """
-        Return the likelihood ratios of a query, which is informative, by how new its image is.
+        Return the likelihood ratios of a query, by its comparison and by how new its image is.
 
         They are given for all scored places and for all that hold mass in the predicted belief.
         """
-        predicted = belief.likeliest(COMPARED.peaks)
-        compared = self._comparer.compare(query.buffer, query.usable, predicted)
         places, verified = np.union1d(compared.places, belief.places), compared.verified
         if not verified:
             said = UNVERIFIED if len(compared.places) else 0.0
@@ -79,7 +77,7 @@ class Observer:
         strongest = examined[np.argsort(-strengths, kind='stable')]
         best = int(strongest[0])
         is_rival = np.isin(examined, compared.peaks) & ~self._near.mask(examined, best)
-        has_rivals = self._comparer.has_controls(compared.places, best) and bool(is_rival.any())
+        has_rivals = has_controls(self._near, compared.places, best) and bool(is_rival.any())
         scores = compared.scores[np.searchsorted(compared.places, examined)]
         leads = self._likelihood.leads(strengths, scores, is_rival)
         follows, chance = self._expected(query, belief, best)
@@ -127,7 +125,7 @@ class Observer:
         `strongest` are the verified places (n,), best first. The likeliest place is not asked if
         one beside it is. Empty without keypoints.
         """
-        features, chosen = query.buffer.newest.features, list[int]()
+        features, chosen = query.features, list[int]()
         for place in strongest.tolist():
             is_apart = not any(self._near.is_near(place, other) for other in chosen)
             if is_apart and len(chosen) < ASKED.strongest:
@@ -138,7 +136,7 @@ class Observer:
                 chosen.append(place)
         # Nothing is detected in a frame that cannot be compared.
         chosen = [place for place in chosen if self._witness.knows(place)]
-        if not chosen or features is None or features.packed is None:
+        if not chosen or features.packed is None:
             return {}
         keypoints = self._witness.keypoints(query.frame, query.buffer.newest.descriptor)
         if keypoints is None:

@@ -24,6 +24,7 @@ class Given:
 
     def score(self, count, ends):
         self.asked.append((count, ends.tolist()))
+        return count * len(ends)
 
     def best_scores(self, _length, ends):
         return self.scores[ends]
@@ -34,7 +35,7 @@ def decided(a_map, scores, config=RULE, length=3, lengths=None):
     whole = a_map(*(lengths or [len(scores)]))
     sequence = replace(SequenceConfig(), fixed_length=length)
     config = replace(Config(), acceptance=config, sequence=sequence)
-    query = Query(Frame(0, None), buffer, len(scores), 0, config)
+    query = Query(Frame(0, None), None, buffer, len(scores), 0, config)
     return PaperDecider(whole, AllPlaces(), Config()).decide(query), buffer
 
 
@@ -42,7 +43,7 @@ def test_candidates_come_best_first_without_neighbours(a_map):
     said, buffer = decided(a_map, [0.1, 0.8, 0.9, 0.85, 0.2, 0.3, 0.7])
     assert [each.reference_index for each in said.candidates] == [2, 6]
     assert said.candidates[0] == Candidate(2, 2 * 10**9, 0.9)
-    assert said.length == 3 and said.confidence is None
+    assert said.length == 3 and said.confidence is None and said.pairs_scored == 21
     assert buffer.asked == [(3, [*range(7)])]
 
 

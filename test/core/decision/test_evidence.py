@@ -50,5 +50,5 @@ def test_k_newest_frames_carry_nine_tenths_of_the_evidence(evidence, length):
     buffer = QueryBuffer(SimpleNamespace(extract=lambda _: None))
     for one in reversed(evidence):
         buffer.append(SHOWN, 3, 10)
-        buffer.note_evidence(one)
+        buffer.note(np.zeros(3, np.float32), one)
     assert evidence_length(buffer.frames) == length

@@ -25,20 +25,18 @@ SHOWN = {30: 100.0}  # strength of the place that the frame shows; that of other
 
 
 class Pairs:
-    """Stands in for a buffer and a matcher: scores of pairs, and strengths of verified ones."""
+    """Stands in for a matcher: scores of pairs, and strengths of verified ones."""
 
     def __init__(self, scores, strengths, usual=25.0, entropy=1.0):
-        self.rows, self._strengths, self._usual = [np.array(scores, np.float32)], strengths, usual
-        features = SimpleNamespace(packed=SimpleNamespace(side=30))
-        descriptor = SimpleNamespace(entropy=entropy)
-        self.newest = SimpleNamespace(descriptor=descriptor, features=features)
+        self.row, self._strengths, self._usual = np.array(scores, np.float32), strengths, usual
+        self.features = SimpleNamespace(packed=SimpleNamespace(side=30))
+        self.descriptor = SimpleNamespace(entropy=entropy)
 
-    def score(self, count, places):
-        assert count == 1
-        self.scored = places.tolist()
+    def scores_of(self, requests):
+        return [self.row[places] for _, places in requests]
 
     def rough_scores(self, _features, places):
-        return self.rows[0][places]
+        return self.row[places]
 
     def verified(self, _features, indices):
         return {one: verified(self._strengths.get(one, self._usual)) for one in indices}
@@ -103,6 +101,13 @@ def verified(strength):
     return Verification(0, strength, strength / 2)
 
 
+def query_of(pairs, usable=None, start=NONE, config=None):
+    """Return the query of the frame with these pairs."""
+    buffer = SimpleNamespace(newest=pairs)
+    config, usable = config or Config(), usable or len(pairs.row)
+    return Query(Frame(0, None), pairs.features, buffer, usable, start, config)
+
+
 def scored(best=30, score=0.104, count=100, **more):
     """Return scores in which one place leads five rivals that lead all others."""
     scores = np.full(count, 0.01) - np.arange(count) / 1e5
@@ -111,17 +116,17 @@ def scored(best=30, score=0.104, count=100, **more):
     return scores
 
 
-def looked(reference_map, buffer, masses=None, start=NONE, told=None, listed=None, usable=None,
+def looked(reference_map, pairs, masses=None, start=NONE, told=None, listed=None, usable=None,
     config=None, difference=0.0, novelty=1.0,
 ):  # fmt: skip
     """Return an observation, and the log ratio of each place."""
-    count = len(buffer.rows[0])
+    count = len(pairs.row)
     coarse = Listed(range(count) if listed is None else listed, count)
     near = Neighbourhood(reference_map)
-    comparer = Comparer(coarse, buffer, near, 40)
-    observer = Observer(comparer, buffer, near, told or Told())
-    query = Query(Frame(0, None), buffer, usable or count, start, config or Config())
-    observation = observer.observe(query, believing(masses, difference), novelty)
+    query, belief = query_of(pairs, usable, start, config), believing(masses, difference)
+    compared = Comparer(coarse, pairs, near, 40).compare(query, belief.likeliest(COMPARED.peaks))
+    observer = Observer(pairs, near, told or Told())
+    observation = observer.observe(query, compared, belief, novelty)
     return observation, dict(
         zip(observation.places.tolist(), observation.log_ratios.tolist(), strict=True)
     )
@@ -157,21 +162,21 @@ def test_the_strongest_place_of_a_large_map_lies_there_by_chance_less_often(a_ma
 
 
 def test_a_place_that_the_belief_predicted_gains_less(a_map):
-    buffer = Pairs(scored(), {30: 40.0})
-    new = looked(a_map(100), buffer)[1][30]
-    expected = looked(a_map(100), buffer, {29: 0.3, 60: 0.3})[1][30]
-    predicted = looked(a_map(100), buffer, {29: 0.6})[1][30]
+    pairs = Pairs(scored(), {30: 40.0})
+    new = looked(a_map(100), pairs)[1][30]
+    expected = looked(a_map(100), pairs, {29: 0.3, 60: 0.3})[1][30]
+    predicted = looked(a_map(100), pairs, {29: 0.6})[1][30]
     assert new > expected + 0.5 > predicted + 0.5
     # What counts is the share of the mass in the map, not of all.
-    alone = looked(a_map(100), buffer, {29: 0.3})[1][30]
+    alone = looked(a_map(100), pairs, {29: 0.3})[1][30]
     assert alone == pytest.approx(predicted)
-    assert looked(a_map(100), buffer, {60: 0.6})[1][30] == new  # somewhere else
+    assert looked(a_map(100), pairs, {60: 0.6})[1][30] == new  # somewhere else
 
 
 def test_keypoints_verify_the_strongest_distinct_places_and_the_likeliest_one(a_map):
     told = Told({30: 60})
-    buffer = Pairs(scored(), {30: 100.0, 31: 90.0, 60: 80.0, 80: 70.0, 90: 60.0})
-    observation, _ = looked(a_map(100), buffer, {50: 0.2}, told=told)
+    pairs = Pairs(scored(), {30: 100.0, 31: 90.0, 60: 80.0, 80: 70.0, 90: 60.0})
+    observation, _ = looked(a_map(100), pairs, {50: 0.2}, told=told)
     assert told.places == [30, 60, 80, 50]
     assert [*observation.asked] == told.places and observation.asked[30].lead == pytest.approx(
         2 * 60**0.5 - 2 * 4**0.5
@@ -208,15 +213,15 @@ def test_keypoints_that_agree_raise_a_place_and_its_neighbours(a_map):
 @pytest.mark.parametrize('place', [30, 28])
 def test_keypoints_deny_the_place_that_cells_show_only_where_they_repeat(a_map, place):
     there = Told({30: 4, 60: 80})  # the strongest by keypoints is another
-    buffer = Pairs(scored(), {30: 50.0, 60: 36.0, 50: 30.0})
-    cells = looked(a_map(100), buffer)[1]
-    alike = looked(a_map(100), buffer, told=there)[1]
+    pairs = Pairs(scored(), {30: 50.0, 60: 36.0, 50: 30.0})
+    cells = looked(a_map(100), pairs)[1]
+    alike = looked(a_map(100), pairs, told=there)[1]
     assert cells[place] > 0.3 > 0 > alike[place] and alike[60] > cells[60] + 3
     # By other light, few of them repeat, so their silence says little.
-    dark = looked(a_map(100), buffer, told=Told({}), difference=0.3)[1]
+    dark = looked(a_map(100), pairs, told=Told({}), difference=0.3)[1]
     assert cells[place] - 1.0 < dark[place] < cells[place]
     # In the running drive, light is the same.
-    ours = looked(a_map(100), buffer, start=0, told=Told({}), difference=0.3)[1]
+    ours = looked(a_map(100), pairs, start=0, told=Told({}), difference=0.3)[1]
     assert ours[place] < dark[place] - 2
 
 
@@ -229,9 +234,9 @@ def test_a_place_without_keypoints_is_judged_by_cells(a_map):
 
 
 def test_two_places_that_keypoints_recognise_do_not_deny_each_other(a_map):
-    buffer = Pairs(scored(), {30: 50.0, 60: 36.0})
-    alone = looked(a_map(100), buffer, told=Told({30: 60}))[1]
-    both = looked(a_map(100), buffer, told=Told({30: 60, 60: 64}))[1]
+    pairs = Pairs(scored(), {30: 50.0, 60: 36.0})
+    alone = looked(a_map(100), pairs, told=Told({30: 60}))[1]
+    both = looked(a_map(100), pairs, told=Told({30: 60, 60: 64}))[1]
     assert both[30] == pytest.approx(alone[30], abs=0.1) and both[60] > alone[60] + 5
 
 
@@ -252,18 +257,18 @@ def test_keypoints_verify_the_likeliest_place_unless_one_beside_it_is_verified(a
 
 def test_keypoints_that_deny_a_place_deny_four_places_to_either_side(a_map):
     told = Told({30: 60, 50: 4})
-    buffer = Pairs(scored(), {30: 100.0, 50: 90.0})
+    pairs = Pairs(scored(), {30: 100.0, 50: 90.0})
     for place, is_denied in ((46, True), (45, False)):
         masses = {30: 0.3, place: 0.2}  # place 30 is the likeliest
-        before = looked(a_map(100), buffer, masses)[1]
-        after = looked(a_map(100), buffer, masses, told=told)[1]
+        before = looked(a_map(100), pairs, masses)[1]
+        after = looked(a_map(100), pairs, masses, told=told)[1]
         assert (after[place] < before[place] - 2) == is_denied
 
 
 def test_a_place_that_is_not_verified_has_as_little_as_the_nearest_verified_one(a_map):
     masses = {30: 0.4, 65: 0.3, 61: 0.05, 64: 0.05}  # the two likeliest are verified
-    buffer = Pairs(scored(), {30: 100.0, 60: 90.0})
-    observation, ratios = looked(a_map(100), buffer, masses, told=Told({30: 60, 60: 4}))
+    pairs = Pairs(scored(), {30: 100.0, 60: 90.0})
+    observation, ratios = looked(a_map(100), pairs, masses, told=Told({30: 60, 60: 4}))
     assert {60, 65} <= {*observation.verified} and not {61, 64} & {*observation.verified}
     assert ratios[61] == ratios[60] < -4  # keypoints deny it, and so the place beside it
     assert ratios[64] == pytest.approx(math.log(0.1)) and ratios[65] > ratios[64]
@@ -271,11 +276,11 @@ def test_a_place_that_is_not_verified_has_as_little_as_the_nearest_verified_one(
 
 def test_looks_are_no_rivals(a_map):
     whole = a_map(50, 50)
-    buffer = Pairs(scored(), {30: 100.0, 80: 100.0})
+    pairs = Pairs(scored(), {30: 100.0, 80: 100.0})
     # Either may be the strongest, and leads nothing; the chance of 9 in 100 still counts.
-    before = looked(whole, buffer)[1][30]
+    before = looked(whole, pairs)[1][30]
     whole.links.add(80, 30)
-    assert looked(whole, buffer)[1][30] > before + 2
+    assert looked(whole, pairs)[1][30] > before + 2
 
 
 @pytest.mark.parametrize('count', [1, 3, 12, 16])
@@ -290,38 +295,31 @@ def test_without_enough_rivals_no_place_gains(a_map, count):
 def test_the_first_frames_of_a_drive_are_compared_with_more_places(a_map):
     listed, counts = Listed(range(100), 100), []
     listed.best = lambda _, newest: counts.append(newest) or np.arange(100)
-    buffer = Pairs(scored(), SHOWN)
-    comparer = Comparer(listed, buffer, Neighbourhood(a_map(100)), 40)
+    pairs = Pairs(scored(), SHOWN)
+    comparer = Comparer(listed, pairs, Neighbourhood(a_map(100)), 40)
     for _ in range(COMPARED.first_frames + 1):
-        comparer.compare(buffer, 100, [])
+        comparer.compare(query_of(pairs), [])
     for begin in (comparer.reset, comparer.end_search):
         begin()
-        comparer.compare(buffer, 100, [])
+        comparer.compare(query_of(pairs), [])
     many = COMPARED.first_listed
     assert counts == [many] * COMPARED.first_frames + [10, many, 10]
 
 
 def test_only_the_best_places_by_rough_score_and_predicted_ones_are_scored(a_map):
-    buffer = Pairs(scored(), SHOWN)
-    comparer = Comparer(Listed(range(100), 100), buffer, Neighbourhood(a_map(100)), 40)
-    comparer.compare(buffer, 100, [])
-    assert len(buffer.scored) == COMPARED.first_scored
+    pairs = Pairs(scored(), SHOWN)
+    comparer = Comparer(Listed(range(100), 100), pairs, Neighbourhood(a_map(100)), 40)
+    compared = comparer.compare(query_of(pairs), [])
+    assert len(compared.places) == compared.pairs_scored == COMPARED.first_scored
     comparer.end_search()
-    comparer.compare(buffer, 100, [77])
-    assert len(buffer.scored) == COMPARED.scored + 1 and 77 in buffer.scored
-    assert {30, *RIVALS} <= {*buffer.scored}
+    compared = comparer.compare(query_of(pairs), [77])
+    assert compared.pairs_scored == COMPARED.scored + 1 and 77 in compared.places
+    assert {30, *RIVALS} <= {*compared.places.tolist()}
 
 
 def test_a_frame_without_scores_gives_no_evidence(a_map):
     observation, ratios = looked(a_map(30), Pairs(np.full(30, np.nan), {}), {3: 0.5})
     assert ratios == {3: 0.0} and not observation.has_rivals
-
-
-def test_a_frame_without_features_gives_no_evidence(a_map):
-    blank = Pairs(scored(), SHOWN)
-    blank.newest.features = None
-    observation, ratios = looked(a_map(100), blank, {3: 0.5})
-    assert ratios == {3: 0.0} and not observation.has_rivals and not observation.verified
 
 
 def test_a_repeated_image_adds_no_evidence(a_map):
@@ -373,9 +371,9 @@ def test_ratios_are_finite_and_bounded_for_any_input(
     masses = dict(zip(believed, rng.dirichlet(np.ones(len(believed))).tolist(), strict=True))
     told = Told(dict(enumerate(rng.integers(0, 257, count).tolist())))
     listed = np.sort(rng.permutation(count)[:40])
-    buffer = Pairs(scores, strengths, step)
+    pairs = Pairs(scores, strengths, step)
     observation, _ = looked(
-        a_map(count), buffer, masses, start, told, listed, difference=difference
+        a_map(count), pairs, masses, start, told, listed, difference=difference
     )
     assert {*believed} <= {*observation.places.tolist()}
     assert (np.diff(observation.places) > 0).all() and np.isfinite(observation.log_ratios).all()

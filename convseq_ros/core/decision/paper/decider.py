@@ -41,24 +41,29 @@ class PaperDecider(Decider):
         self._coarse.update(newest.descriptor, query.usable)
         ends = self._coarse.best(self._listed, self._listed // 4)
         if length is None:
-            buffer.score(1, ends)  # these scores are cached for the next frames
-            return Answer(Reason.WARMING_UP)
+            pairs = buffer.score(1, ends)  # these scores are cached for the next frames
+            return Answer(Reason.WARMING_UP, pairs_scored=pairs)
         # III-D: pair scores; III-G: sums along diagonals; the best sequences are the candidates.
         if self._shares_regions:
             buffer = buffer.with_regions_of_newest(length)
-        buffer.score(length, ends)
-        scores = buffer.best_scores(length, ends)
-        if buffer is not query.buffer:
-            query.buffer.pairs_scored = buffer.pairs_scored
-        candidates = self._best(ends, scores, query.config.acceptance)
+        pairs = buffer.score(length, ends)
+        candidates = self._best(ends, buffer.best_scores(length, ends), query.config.acceptance)
+        return Answer(
+            self._reason(candidates, length, query), candidates, length, pairs_scored=pairs
+        )
+
+    def _reason(self, candidates: Candidates, length: int, query: Query) -> Reason:
+        config = query.config.acceptance
         if not candidates:
             starts = self._map.bounds.starts
             spans = np.diff(starts[starts < query.usable], append=query.usable)
             is_short = spans.max(initial=0) < length
-            return Answer(Reason.MAP_TOO_SHORT if is_short else Reason.WARMING_UP, (), length)
-        if query.config.acceptance.acceptance_rule == 'always':
-            return Answer(Reason.ACCEPTED, candidates, length)
-        return Answer(decide_by_margin(candidates, query.config.acceptance), candidates, length)
+            return Reason.MAP_TOO_SHORT if is_short else Reason.WARMING_UP
+        return (
+            Reason.ACCEPTED
+            if config.acceptance_rule == 'always'
+            else decide_by_margin(candidates, config)
+        )
 
     def _best(self, ends: Indices, scores: Doubles, config: AcceptanceConfig) -> Candidates:
         def near(peak: int) -> Flags:

@@ -29,18 +29,14 @@ class BufferedFrame:
     features: Features | None = None  # None if it is not informative
     row: Row | None = None  # pair scores (R,), NaN where not scored
     rescored: set[int] = field(default_factory=set)  # references whose pair score is exact
-    evidence: float = 0.0  # see `QueryBuffer.note_evidence`
+    evidence: float = 0.0  # log ratio, at least 0, by which it speaks for the likeliest place
 
 
 class QueryBuffer:
-    """
-    Keeps the last frames, newest first, and scores each pair once.
-
-    `pairs_scored` counts the pairs that were scored since the newest frame came.
-    """
+    """Keeps the last frames, newest first, and scores each pair once."""
 
     def __init__(self, matcher: Matcher, bounds: SessionBounds = ONE_SESSION) -> None:
-        self._matcher, self.bounds, self.pairs_scored = matcher, bounds, 0
+        self._matcher, self.bounds = matcher, bounds
         self.frames: list[BufferedFrame] = []
 
     def __len__(self) -> int:
@@ -89,14 +85,18 @@ class QueryBuffer:
             shared.frames.append(frame)
         return shared
 
-    def score(self, count: int, ends: Indices) -> None:
-        """Score the pairs of the `count` newest frames on diagonals that end at `ends` (n,)."""
+    def score(self, count: int, ends: Indices) -> int:
+        """
+        Score the pairs of the `count` newest frames on diagonals that end at `ends` (n,).
+
+        Return how many pairs were scored.
+        """
         frames = list(self._diagonals(count, ends))
         requests = [(features, met[np.isnan(row[met])]) for _, features, row, met in frames]
         results = self._matcher.scores_of(requests)
         for (_, _, row, _), (_, missing), scores in zip(frames, requests, results, strict=True):
             row[missing] = scores
-            self.pairs_scored += len(missing)
+        return sum(len(missing) for _, missing in requests)
 
     def best_scores(self, length: int, ends: Indices) -> Values:
         """Return `sequence_scores` (n,); up to 8 within 0.02 of the best are exact."""
@@ -117,13 +117,12 @@ class QueryBuffer:
             frame.rescored.update(indices.tolist())
         return sequence_scores(self.rows[:length], ends=ends, bounds=self.bounds)
 
-    def note_evidence(self, evidence: float) -> None:
-        """Note by how much, in log ratios of at least 0, the newest frame speaks for a place."""
-        self.frames[0] = replace(self.frames[0], evidence=evidence)
+    def note(self, row: Row, evidence: float) -> None:
+        """Note the pair scores (R,) of the newest frame, found elsewhere, and its evidence."""
+        self.frames[0] = replace(self.newest, row=row, evidence=evidence)
 
     def _keep(self, frame: BufferedFrame, capacity: int) -> None:
         self.frames = [frame, *self.frames[: capacity - 1]]
-        self.pairs_scored = 0
 
     def _diagonals(
         self, count: int, ends: Indices
