@@ -9,9 +9,12 @@ from pathlib import Path
 
 from convseq_ros.errors import ConfigError, printable
 
+LIBRARY = 'convseq_ros'  # what recordings that this package writes name in their header
 _HEAD_BYTES = 512
+_MCAP_HEADER = b'\x89MCAP0\r\n\x01'  # the magic bytes of a recording, and its first record
 PAGE, FIGURE = ('.html', '.htm'), ('.png', '.svg', '.pdf')  # kinds
-ANY, TEXT = ('',), ()
+ANY = ('',)  # any name; the writer itself refuses what it must not replace
+TEXT = ()  # any name, but only text and recordings of this package are replaced
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,8 +22,8 @@ class OutputFile:
     """
     A file to write, which replaces a file of that name.
 
-    `option` asked for it. `kinds` are the endings that its name may have. `TEXT` allows `ANY`, but
-    replaces nothing but text, so that neither a map nor a recording is lost.
+    `option` asked for it. `kinds` are the endings that its name may have: `PAGE`, `FIGURE`, `ANY`,
+    or `TEXT`, with which no map, picture or recording of a robot is lost.
     """
 
     option: str
@@ -51,15 +54,24 @@ class OutputFile:
             return 'is read or written by the same command; name another file'
         if self.kinds and not self.path.name.lower().endswith(self.kinds):
             return f'is of no kind that is written; name a {" or ".join(self.kinds)}'
-        if not self.kinds and self.path.suffix != '.mcap' and self._holds_no_text():
-            return 'exists and is no text, perhaps a map; move it, or name another file'
+        if not self.kinds and self._is_of_others():
+            return (
+                'exists and was not written by this command, perhaps a map or a recording; move '
+                'it, or name another file'
+            )
         return ''
 
-    def _holds_no_text(self) -> bool:
+    def _is_of_others(self) -> bool:
+        """Return whether there is such a file, neither text nor a recording of this package."""
         if not self.path.exists():
             return False
         with self.path.open('rb') as file:
-            return b'\0' in file.read(_HEAD_BYTES)
+            head = file.read(_HEAD_BYTES)
+        size_at = len(_MCAP_HEADER)
+        start = size_at + 8
+        header = head[start : start + int.from_bytes(head[size_at:start], 'little')]
+        is_ours = head.startswith(_MCAP_HEADER) and header.endswith(LIBRARY.encode())
+        return b'\0' in head and not is_ours
 
 
 def refuse_outputs(outputs: Iterable[OutputFile], inputs: Iterable[Path] = ()) -> None:

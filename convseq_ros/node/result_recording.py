@@ -8,6 +8,7 @@ from typing import Any, Self
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
+from convseq_ros.io.output_file import LIBRARY
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.node.conversions import type_name
 from convseq_ros.node.publishers import MatchPublishers
@@ -30,7 +31,7 @@ class ResultRecording:
         from mcap.writer import Writer
 
         self._writer: Any = Writer(str(self._file.__enter__()))
-        self._writer.start(profile='ros2', library='convseq_ros')
+        self._writer.start(profile='ros2', library=LIBRARY)
         self._publishers = MatchPublishers(self, NodeConfig(), str)  # type: ignore[arg-type]
         return self
 

@@ -6,12 +6,17 @@ import os
 import shutil
 
 from convseq_ros.cli import main
+from convseq_ros.io.output_file import LIBRARY, OutputFile
 from convseq_ros.io.results import ResultWriter
+from mcap.writer import Writer
 import pictures
 import pytest
 
 ANOTHER = 'is read or written by the same command; name another file'
-NO_TEXT = 'exists and is no text, perhaps a map; move it, or name another file'
+OTHER = (
+    'exists and was not written by this command, perhaps a map or a recording; move it, or name '
+    'another file'
+)
 NO_FILE = 'is not a file, but a device, a pipe or a socket; name a file'
 PAGE = 'is of no kind that is written; name a .html or .htm'
 FIGURE = 'is of no kind that is written; name a .png or .svg or .pdf'
@@ -26,8 +31,10 @@ CASES = [
     ('locate drive/000.png --map m.db --picture a.jpg', '--picture: a.jpg', 'name a .png'),
     (f'{REPLAY} --output m.db', '--output: m.db', ANOTHER),
     (f'{REPLAY} --output ./link.db', '--output: link.db', ANOTHER),
-    (f'{REPLAY} --output other.db', '--output: other.db', NO_TEXT),
-    (f'{REPLAY} --output drive/001.png', '--output: drive/001.png', NO_TEXT),
+    (f'{REPLAY} --output other.db', '--output: other.db', OTHER),
+    (f'{REPLAY} --output drive/001.png', '--output: drive/001.png', OTHER),
+    (f'{REPLAY} --output robot.mcap', '--output: robot.mcap', OTHER),
+    (f'{REPLAY} --tum robot.mcap', '--tum: robot.mcap', OTHER),
     (f'{REPLAY} --report m.db', '--report: m.db', ANOTHER),
     (f'{REPLAY} --report other.db', '--report: other.db', PAGE),
     (f'{REPLAY} --tum r.csv --output r.csv', '--output: r.csv', ANOTHER),
@@ -62,8 +69,16 @@ def here(tmp_path, monkeypatch):
     (tmp_path / 'poses.txt').write_text('0 0 0 0 0 0 0 1\n')
     (tmp_path / 'results').mkdir()
     (tmp_path / 'link.db').symlink_to('m.db')
+    write_mcap(tmp_path / 'robot.mcap', 'convseq_ros', 'libmcap 1.4.0')
     os.mkfifo(tmp_path / 'pipe')
     return tmp_path
+
+
+def write_mcap(path, profile, library):
+    """Write a recording without messages."""
+    writer = Writer(str(path))
+    writer.start(profile=profile, library=library)
+    writer.finish()
 
 
 def contents(folder):
@@ -95,3 +110,8 @@ def test_the_target_of_a_symbolic_link_is_replaced_and_the_link_stays(here):
         assert (here / name).is_symlink() and (here / 'far' / name).stat().st_size
     with ResultWriter(here / 'r.csv', ['a']):
         assert (here / 'far' / 'r.csv.part').exists()
+
+
+def test_a_recording_of_an_earlier_replay_is_replaced(tmp_path):
+    write_mcap(tmp_path / 'a.mcap', 'ros2', LIBRARY)
+    OutputFile('--output', tmp_path / 'a.mcap').refuse()
