@@ -5,7 +5,7 @@
 from pathlib import Path
 
 from convseq_ros.cli.config import all_parameters, markdown, PAPERS, yaml
-from convseq_ros.cli.options import read_parameter_file
+from convseq_ros.cli.parameter_file import read_parameter_file
 from convseq_ros.config import Config, flatten, make_config, with_values
 from convseq_ros.config.paper import PAPER, paper_parameters
 from convseq_ros.errors import ConfigError

@@ -9,7 +9,7 @@ import sqlite3
 import tempfile
 from typing import Any, NamedTuple
 
-from convseq_ros.cli.options import read_parameter_file
+from convseq_ros.cli.parameter_file import read_parameter_file
 from convseq_ros.config import Config, EncodingConfig
 from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map.writer import save_map

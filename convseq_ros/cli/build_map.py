@@ -18,11 +18,11 @@ from convseq_ros.cli.options import (
     chosen_images,
     progress,
     quoted,
-    read_parameter_file,
     say,
     tells_what_is_kept,
     warn,
 )
+from convseq_ros.cli.parameter_file import read_parameter_file
 from convseq_ros.cli.recording import describe_recording
 from convseq_ros.config import (
     Config,

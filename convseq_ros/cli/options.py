@@ -10,22 +10,20 @@ import shlex
 import sys
 from typing import Any, TypeVar
 
+from convseq_ros.cli.parameter_file import read_parameter_file
 from convseq_ros.config import Config, core_parameters, make_config, OnlineConfig, RobotConfig
 from convseq_ros.config.arguments import local, sentence
 from convseq_ros.config.node_config import NodeConfig
-from convseq_ros.config.parameter import add_parameters, given, parameters, refuse_unknown, Value
-from convseq_ros.config.reading_config import chosen_reading, ReadingConfig
+from convseq_ros.config.parameter import add_parameters, given, parameters, Value
+from convseq_ros.config.reading_config import chosen_reading
 from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map.reader import MapReader, open_map
-from convseq_ros.errors import ConfigError, MapError, printable
-from convseq_ros.io.files import read_yaml
+from convseq_ros.errors import MapError, printable
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.node.process import steps
 from convseq_ros.sources.mount import Tf
 
 Item = TypeVar('Item')
-_SECTIONS = '**', 'vpr_node'  # last words of their names
-_OF_ROS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
 
 def add_verb(
@@ -96,25 +94,6 @@ def chosen_config(
     values = read_parameter_file(chosen.config, reading) if chosen.config else {}
     config = make_config({**(otherwise or {}), **values, **given(chosen, core_parameters())})
     return masked(config, read_mask(config))
-
-
-def read_parameter_file(path: Path, reading: ReadingConfig = ReadingConfig()) -> dict[str, Any]:
-    """Return the matching parameters of a ROS parameter file, without those of the node."""
-    values: dict[str, Any] = {}
-    sections = read_yaml(path, reading)
-    ours = [node for name, node in sections.items() if str(name).split('/')[-1] in _SECTIONS]
-    for node in ours or [None]:
-        part = node.get('ros__parameters') if isinstance(node, dict) else None
-        if not isinstance(part, dict):
-            raise ConfigError(
-                f'{path}: not a ROS parameter file with vpr_node or /**; `convseq config` '
-                'prints one to start from'
-            )
-        values |= part
-    core = [item.name for item in core_parameters()]
-    of_node = [item.name for item in parameters(NodeConfig)]
-    refuse_unknown(values, [*core, *of_node, *_OF_ROS])
-    return {name: value for name, value in values.items() if name in core}
 
 
 def progress(items: Iterable[Item], total: int, name: str, unit: str = 'frames') -> Iterator[Item]:

@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 import sys
 
-from convseq_ros.cli.options import read_parameter_file
+from convseq_ros.cli.parameter_file import read_parameter_file
 from convseq_ros.config import (
     Config,
     EncodingConfig,

@@ -5,7 +5,7 @@
 import csv
 from pathlib import Path
 
-from convseq_ros.cli.options import read_parameter_file
+from convseq_ros.cli.parameter_file import read_parameter_file
 from convseq_ros.config import make_config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place

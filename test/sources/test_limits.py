@@ -8,7 +8,7 @@ from importlib import import_module
 import re
 from types import SimpleNamespace
 
-from convseq_ros.cli.options import read_parameter_file
+from convseq_ros.cli.parameter_file import read_parameter_file
 from convseq_ros.config import Config, EncodingConfig
 from convseq_ros.config.parameter import parameters
 from convseq_ros.config.reading_config import ReadingConfig

@@ -1,0 +1,60 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which sections of a ROS parameter file a command reads: those that a node would read."""
+
+from convseq_ros.cli.parameter_file import read_parameter_file
+from convseq_ros.errors import ConfigError
+import pytest
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Return a function that reads a parameter file; P1, P2 and P3 of its text are sections."""
+
+    def read(text):
+        for number in range(1, 4):
+            text = text.replace(f'P{number}', f'{{ros__parameters: {{fixed_length: {number}}}}}')
+        (tmp_path / 'my.yaml').write_text(text)
+        return read_parameter_file(tmp_path / 'my.yaml')
+
+    return read
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'vpr_node: P3',
+        '/robot1/vpr_node: P3',
+        'robot1: {vpr_node: P3}',
+        'robot1: {front: {vpr_node: P3}}',
+        'front_vpr: P3',
+        '/**: P1\nfront_vpr: P3',
+        '/*: P1\n/**/vpr_node: P2\nvpr_node: P3',
+        '/*/vpr_node: P1\nrobot1: {"**": P2}\n/robot1/vpr_node: P3',
+        'vpr_node: P1\n/**: P3',  # the last one of the file wins, as in ROS
+        'vpr_node: P3\nekf_node: {ros__parameters: {mode: 2d, frequency: 30.0}}',
+    ],
+)
+def test_sections_of_one_node_are_read_in_the_order_of_the_file(read, text):
+    assert read(text) == {'fixed_length': 3}
+
+
+@pytest.mark.parametrize(
+    ('text', 'named'),
+    [
+        ('/robot1/vpr_node: P1\n/robot2/vpr_node: P2', '/robot1/vpr_node, /robot2/vpr_node'),
+        ('robot1: {vpr_node: P1}\nrobot2: {vpr_node: P2}', '/robot1/vpr_node, /robot2/vpr_node'),
+        ('vpr_node: P1\nfront_vpr: P2', '/vpr_node, /front_vpr'),
+        ('/**: P1\n/robot1/**: P2', '/vpr_node, /robot1/**'),
+        ('/robot1/*: P1\n/vpr_node: P2', '/vpr_node, /robot1/*'),
+    ],
+)
+def test_sections_of_several_nodes_are_refused_by_name(read, text, named):
+    with pytest.raises(ConfigError) as refused:
+        read(text)
+    assert f'has sections of several nodes ({named}); leave those of one' in str(refused.value)
+
+
+def test_a_file_of_other_nodes_is_refused_with_their_names(read):
+    with pytest.raises(ConfigError, match=r'vpr_node or /\*\*, but with /a/ekf, /b; `convseq'):
+        read('a: {ekf: {ros__parameters: {mode: 2d, rate: 3}}}\nb: {ros__parameters: {}}')
