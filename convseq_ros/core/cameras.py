@@ -117,7 +117,7 @@ class Cameras:
     def _set_usual_mount(self) -> None:
         if len(self.recognizers) > 1:
             x, y, z, *turn = self.config.robot.of_camera(0).mount
-            self.first.reference_map.usual_mount = of_roll_pitch_yaw((x, y, z), *turn)
+            self.first.reference_map.assume_mount(of_roll_pitch_yaw((x, y, z), *turn))
 
     def reset(self) -> None:
         """Forget the frames so far, as `PlaceRecognizer.reset` does."""

@@ -37,17 +37,21 @@ class PairScores:
 
 
 class GivenScores(Matcher):
-    """A matcher that returns given scores; `frame` is the row of the next frame."""
+    """A matcher that returns given scores, those of the first frame until `advance`."""
 
     def __init__(self, rows: Scores) -> None:
-        self.kernel, self.exact, self.frame = 'given', True, 0
+        self.kernel, self.exact, self._frame = 'given', True, 0
         self._rows = rows
+
+    def advance(self) -> None:
+        """Go on to the scores of the next frame."""
+        self._frame += 1
 
     def reset(self) -> None:
         """Do nothing: rows are addressed by number."""
 
     def extract(self, _descriptor: Descriptor) -> Features | None:
-        row = self._rows[self.frame]
+        row = self._rows[self._frame]
         return Features(row, lambda: row) if np.isfinite(row).any() else None
 
     def scores_of(self, requests: Sequence[tuple[Features, Indices]]) -> list[Scores]:
@@ -111,5 +115,5 @@ def _recognized(
     matches = []
     for frame, descriptor in drive.described:
         matches.append(recognizer.process(frame, descriptor))
-        matcher.frame += 1
+        matcher.advance()
     return matches

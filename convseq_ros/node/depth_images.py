@@ -22,12 +22,17 @@ class DepthImages:
         self, node: ListeningNode, topic: str, wait_s: float, reading: ReadingConfig
     ) -> None:
         self.unreadable = self.missing = 0
-        self._once, self.reading = Once(node.get_logger()), reading
+        self._once, self._reading = Once(node.get_logger()), reading
         self._newest = deque[tuple[int, RawMessage]](maxlen=KEPT)
         self.waiting = Waiting(wait_s)
         self._topic = topic
         if topic:
             FollowingSubscription(node, Image, topic, self._on_depth, KEPT, raw=True)
+
+    def configure(self, wait_s: float, reading: ReadingConfig) -> None:
+        """Use another time to wait, and other limits of what is read, from now on."""
+        self.waiting.configure(wait_s)
+        self._reading = reading
 
     def at(self, stamp_ns: int) -> Depth | None:
         """Return the depth image of a time; None if there is none."""
@@ -40,7 +45,7 @@ class DepthImages:
             self.missing += 1
             return None
         try:
-            return decode_depth(message.image(), self.reading)
+            return decode_depth(message.image(), self._reading)
         except ImageError as error:
             self.unreadable += 1
             self._once.warn(f'{self._topic}: {one_line(error)}; its frame has no depth')

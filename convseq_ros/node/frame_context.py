@@ -46,8 +46,8 @@ class FrameContext:
 
     def configure(self, wait_s: float, reading: ReadingConfig) -> None:
         """Use another time to wait, and other limits of what is read, from now on."""
-        self.odometry.waiting.wait_s = self.depth.waiting.wait_s = wait_s
-        self.depth.reading = reading
+        self.odometry.waiting.configure(wait_s)
+        self.depth.configure(wait_s, reading)
 
     def depth_at(self, topic: str, stamp_ns: int) -> Depth | None:
         """Return the depth image of an image of a topic; may wait for it."""

@@ -43,7 +43,7 @@ class MapServices:
         save_path: str,
         result_file: str,
     ) -> None:
-        self.save_path, self._result_file = save_path, result_file
+        self._save_path, self._result_file = save_path, result_file
         self._logger = node.get_logger()
         self._worker = worker
         self._recognition = recognition
@@ -54,6 +54,10 @@ class MapServices:
         offer = partial(node.create_service, qos_profile=SERVICE_QOS, callback_group=group)
         offer(LoadMap, '~/load_map', self._on_load_map)
         offer(Trigger, '~/save_map', self._on_save_map)
+
+    def configure(self, save_path: str) -> None:
+        """Save the map to another file from now on."""
+        self._save_path = save_path
 
     def announce(self) -> None:
         pipeline = self._recognition.pipeline
@@ -129,8 +133,8 @@ class MapServices:
         pipeline = self._recognition.pipeline
         if not len(pipeline.recognizer.reference_map):
             raise MapError('there is no map to save; load one with ~/load_map')
-        if self.save_path:
-            target = Path(self.save_path)
+        if self._save_path:
+            target = Path(self._save_path)
             if pipeline.is_persisted and target.exists() and target.samefile(pipeline.path or ''):
                 raise MapError(f'{target}: is the map that is growing; leave save_map_path empty')
             results = [Path(self._result_file)] if self._result_file else []
@@ -138,7 +142,7 @@ class MapServices:
             saved = pipeline.recognizer.reference_map
             _refuse_another(target, saved.map_id)
             save_map(saved, target)
-            return self.save_path
+            return self._save_path
         if pipeline.is_persisted:
             pipeline.flush()
             return str(pipeline.path)

@@ -151,7 +151,7 @@ class PoseGraphNode(ListeningNode):
         own, closure = found
         with self._lock:
             if own:
-                self._graph.running.session = own
+                self._graph.name_session(own)
             self._graph.add_closure(closure)
 
     def _on_pair(self, message: Any) -> None:
@@ -178,7 +178,7 @@ class PoseGraphNode(ListeningNode):
             with suppress(ValueError):
                 stamp_ns = int(values['last_stamp_ns'])
                 if self._graph.running.at(stamp_ns) is not None:
-                    self._graph.running.session = values['session_ids'].split()[-1]
+                    self._graph.name_session(values['session_ids'].split()[-1])
 
     def _leave_out(self, what: str) -> None:
         self.get_logger().warning(f'{what}; it is left out', once=True)

@@ -52,15 +52,19 @@ class MatchPublishers:
     """The topics of results; a message is made only if somebody subscribes to its topic."""
 
     def __init__(self, node: Node, config: NodeConfig, odometry_frame: Callable[[], str]) -> None:
-        self.config = config
+        self._config = config
         self._odometry_frame = odometry_frame
         self._publishers = {name: advertise(node, kind, name) for name, kind in _KINDS.items()}
         self._markers = MatchMarkers(node)
         self.map_topics = MapTopics(node)
 
+    def configure(self, config: NodeConfig) -> None:
+        """Use other settings from now on."""
+        self._config = config
+
     def publish(self, answered: Answered) -> PoseEstimate | None:
         """Publish the answer to a frame, -1 and 0 for none; return the estimated pose, if any."""
-        frame, match, config, send = answered.frame, answered.match, self.config, self._send
+        frame, match, config, send = answered.frame, answered.match, self._config, self._send
         best, accepted = match.best, match.accepted
         reference_map, map_frame = answered.recognizer.reference_map, config.map_frame
         took_ms, model_ms = answered.duration_ms, answered.model_ms
@@ -89,7 +93,7 @@ class MatchPublishers:
             publisher.publish(make())
 
     def _publish_accepted(self, answered: Answered, accepted: Candidate) -> PoseEstimate | None:
-        match, config, recognizer = answered.match, self.config, answered.recognizer
+        match, config, recognizer = answered.match, self._config, answered.recognizer
         reference_map, frame = recognizer.reference_map, config.base_frame
         start = answered.session_start
         stamp_ns, is_own = match.query_stamp_ns, accepted.reference_index >= start

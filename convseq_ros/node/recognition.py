@@ -108,7 +108,7 @@ class Recognition:
             self.pipeline.outlive_file()
             self.pipeline.warm_up()
         except (ConvseqError, OSError) as error:
-            pipeline.autosave.is_failing = True
+            pipeline.autosave.note_failure()
             self._failed_to_write(error, '; no new places are kept')
         self.link()
         return added

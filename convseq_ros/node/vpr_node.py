@@ -252,14 +252,14 @@ class VprNode(ManagedNode):
         self._config, self._node_config = config, node_config
         if not self._is_open:
             return
-        self._maps.save_path = node_config.save_map_path
+        self._maps.configure(node_config.save_map_path)
         self._worker.configure(node_config.queue_size, node_config.max_wait_s)
         self._frame_context.configure(node_config.odom_wait_s, config.reading)
         self._diagnostics.configure(node_config.diagnostics_period_s)
 
         def apply() -> None:
             self._recognition.pipeline.cameras.configure(config)
-            self._answers.config = node_config
+            self._answers.configure(node_config)
             self._localization.configure(node_config)
 
         self._worker.between_items(apply)

@@ -16,6 +16,10 @@ class Waiting:
         self.changed = threading.Condition()
         self._in_vain = 0
 
+    def configure(self, wait_s: float) -> None:
+        """Wait so long from now on."""
+        self.wait_s = wait_s
+
     def wait_until(self, has_come: Callable[[], bool]) -> None:
         """Wait until a message has come, at most `wait_s`; the caller holds `changed`."""
         if self._in_vain < _VAIN_WAITS and not self.changed.wait_for(has_come, self.wait_s):

@@ -80,6 +80,10 @@ class PoseGraph:
             self._begin()
         self.running.add(stamp_ns, pose, told)
 
+    def name_session(self, session: str) -> None:
+        """Set the id of the session that the running drive makes in a map."""
+        self.running.session = session
+
     def add_closure(self, closure: Closure) -> None:
         """Add a closure; of two that are the same, the one with a measured position counts."""
         before = self.known.get(closure.key)

@@ -129,8 +129,8 @@ def _graph(header: dict[str, Any], arrays: dict[str, Any], config: PoseGraphConf
     for name in ('nodes', 'ends'):
         if not ((arrays[name] >= 0) & (arrays[name] < end)).all():
             raise ValueError(name)
-    graph = PoseGraph(config, drives)
-    graph.nodes = dict(zip(arrays['nodes'].tolist(), full['solved'], strict=True))
+    nodes = dict(zip(arrays['nodes'].tolist(), full['solved'], strict=True))
+    graph = PoseGraph(config, drives, nodes=nodes)
     columns = (arrays[name] for name in ('ends', 'covariances', 'times', 'kept'))
     for (start, close), covariance, times, kept, moved, session in zip(
         *columns, full['moved'], header['references'], strict=True

@@ -91,9 +91,9 @@ def _summary(path: Path, reading: ReadingConfig) -> Any | None:
 
 def _declared(summary: Any | None) -> _Content:
     """Return the channels of a summary; none if it is damaged."""
-    content = _Content()
+    schemas = summary.schemas if summary else {}
+    content = _Content({number: schema.name for number, schema in schemas.items()})
     if summary is not None:
-        content.types = {number: schema.name for number, schema in summary.schemas.items()}
         for channel in summary.channels.values():
             content.add_channel(channel)
     return content

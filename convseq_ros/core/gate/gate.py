@@ -65,7 +65,7 @@ class FrameGate:
 
     def configure(self, config: Config) -> None:
         """Use another `stationary_m` from now on."""
-        self._standstill.config = config.motion
+        self._standstill.configure(config.motion)
 
     def reset(self) -> None:
         if self._by_default:

@@ -28,10 +28,14 @@ class Standstill:
     """Detects standstill by the last frame that moved, so that slow motion adds up."""
 
     def __init__(self, config: MotionConfig, by_image: bool, similarity: PaperSimilarity) -> None:
-        self.config, self._similarity = config, similarity
+        self._config, self._similarity = config, similarity
         self._by_image = by_image and config.stationary_overlap < 1.0  # if there is no odometry
         self._most_apart = GLANCE.still * (1.0 - config.stationary_overlap)
         self.reset()
+
+    def configure(self, config: MotionConfig) -> None:
+        """Use another `stationary_m` from now on."""
+        self._config = config
 
     def reset(self) -> None:
         self._pose: Pose | None = None
@@ -47,7 +51,7 @@ class Standstill:
         if (still := self._by_pose(pose)) is None:
             still, last = False, self._descriptor
             if self._by_image and last is not None and not self._off(edges) > GLANCE.moved:
-                most = self.config.stationary_overlap
+                most = self._config.stationary_overlap
                 still = self._similarity(descriptor, last, most) > most
         if not still:
             self._pose, self._edges, self._descriptor = pose, edges, descriptor
@@ -72,6 +76,6 @@ class Standstill:
         return self._by_image and self._by_pose(pose) is None
 
     def _by_pose(self, pose: Pose | None) -> bool | None:
-        if pose and self._pose and self.config.stationary_m:
-            return near(pose, self._pose, self.config.stationary_m)
+        if pose and self._pose and self._config.stationary_m:
+            return near(pose, self._pose, self._config.stationary_m)
         return None

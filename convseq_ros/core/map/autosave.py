@@ -48,6 +48,10 @@ class NoAutosave:
     def take_back(self) -> None:
         """Close the file, and remove all places from it that were added; MapError if it fails."""
 
+    def note_failure(self) -> None:
+        """Note that the last write failed."""
+        self.is_failing = True
+
     def give_up(self, path: Path | None, why: str) -> None:
         """Leave a file alone that was cut short or overwritten; `save` raises a MapError then."""
         if not self.lost:
@@ -87,10 +91,9 @@ class Autosave(NoAutosave):
             opened.enter_context(MapLock(path))
             self._writer = MapWriter(path, encoding, keyframes, append)
             opened.callback(self._writer.close)
-            super().__init__(self._writer.reader.reference_map())
+            super().__init__(self._writer.reference_map())
             self._file = path.stat().st_ino
             self.committed = self._writer.committed
-            self._writer.linked = self.reference_map.links.looked_up_count
             self._writer.write_ahead()
             self._left = _size_and_time(path)  # after the last write of ours
             self._opened = opened.pop_all()

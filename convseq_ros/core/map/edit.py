@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.crash_recovery import open_to_write
 from convseq_ros.core.map.database import as_map_error, Database
 from convseq_ros.core.map.format import row_crc, TABLES
@@ -97,8 +96,7 @@ def unlink(path: Path, places: Collection[int] | None = None) -> int:
     again, not even by `relinked`. By default all links and all marks are removed.
     """
     with _changed_links(path) as opened:
-        links = opened.links
-        left = opened.links = Links(opened.bounds.around)
+        links, left = opened.take_links(), opened.links
         if places is None:
             return len(links)
         for place, link, is_unlinked in links.since(0, len(opened)):
@@ -120,8 +118,7 @@ def relinked(path: Path) -> Iterator[ReferenceMap]:
     another program adds to it.
     """
     with _changed_links(path) as opened:
-        links = opened.links
-        opened.links = Links(opened.bounds.around)
+        links = opened.take_links()
         for place in filter(links.is_unlinked, range(len(opened))):
             opened.links.add_unlinked(place)
         yield opened

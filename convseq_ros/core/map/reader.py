@@ -160,11 +160,10 @@ class MapReader:
                 if numbers != sorted(numbers):
                     raise ValueError('places of a session are not adjacent')
                 places.extend(self._with_vectors(rows))
-            settings = self.encoding, places, self.pictures, self.keyframes
-            reference_map = ReferenceMap(*settings, self.settings.map_id, sessions)
-            reference_map.keeps_images = keeps_images
-            _read_links(self._database, self._path, reference_map)
-        return reference_map
+            links = Links(places.bounds.around)
+            problem = _read_links(self._database, self._path, len(places), links)
+        settings = self.encoding, places, self.pictures, self.keyframes, self.settings.map_id
+        return ReferenceMap(*settings, sessions, links, problem, keeps_images)
 
     def _with_vectors(self, rows: Rows) -> Rows:
         """Return rows of `places`, with the model's vectors as descriptors if they are used."""
@@ -230,16 +229,16 @@ class MapReader:
             yield
 
 
-def _read_links(database: Database, path: Path, reference_map: ReferenceMap) -> None:
-    """Add the stored links to a map; damaged ones are left out and reported in its `problem`."""
-    start, count, found, damaged = 0, len(reference_map), 0, 0
+def _read_links(database: Database, path: Path, count: int, links: Links) -> str:
+    """Add the stored links of `count` places; damaged ones are left out, and named in a line."""
+    start, found, damaged = 0, 0, 0
     query = f'SELECT * FROM links WHERE place >= ? AND place < {count} ORDER BY place LIMIT ?'
     try:
         while rows := database.rows(query, (start, _LINKS_AT_ONCE)):
             places = [row[0] for row in rows]
             if places[0] < start or places != sorted({*places}):
                 raise sqlite3.DatabaseError('a damaged page leads to others, perhaps in a circle')
-            damaged += _add_links(reference_map.links, rows)
+            damaged += _add_links(links, rows)
             found += len(rows)
             start = places[-1] + 1
         # A row may not be found by its place: of a place that is not there, or out of order.
@@ -249,8 +248,7 @@ def _read_links(database: Database, path: Path, reference_map: ReferenceMap) -> 
         problem = f'the links of places from {start} on are damaged'
     else:
         problem = f'{left_out} links are damaged' if left_out else ''
-    if problem:
-        reference_map.problem = f'{path}: {problem} and left out; all the rest works'
+    return problem and f'{path}: {problem} and left out; all the rest works'
 
 
 def _add_links(links: Links, rows: Rows) -> int:

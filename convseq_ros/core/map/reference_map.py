@@ -52,6 +52,8 @@ class ReferenceMap:
         map_id: str = '',
         sessions: Sequence[MapSession] = (),
         links: Links | None = None,
+        problem: str = '',
+        keeps_images: bool = False,
     ) -> None:
         self.encoding, self.keyframes = without_path(encoding), keyframes
         self.map_id, self.sessions = map_id or str(uuid4()), [*sessions]
@@ -61,11 +63,10 @@ class ReferenceMap:
         self._read_pictures, self._stored = read_pictures, len(self.places)
         self._in_memory: list[Picture] = []
         self._moving = Lock()
-        # Mount of the camera in sessions that have none; None: that of the query's camera.
-        self.usual_mount: Pose | None = None
+        self._usual_mount: Pose | None = None
         self.links = Links(self.bounds.around) if links is None else links
-        self.problem = ''  # one line about damage that does not prevent the use of the map
-        self.keeps_images = False  # whether there may be images or depths
+        self.problem = problem  # one line about damage that does not prevent the use of the map
+        self.keeps_images = keeps_images  # whether there may be images or depths
         self.unreadable, self.unreadable_why = 0, ''
         # The newest image whose keypoints were detected, how many at most, and these.
         self._detected: tuple[Gray, int, StoredKeypoints] | None = None
@@ -145,10 +146,19 @@ class ReferenceMap:
         """Begin a session, to which the places added from now on belong."""
         self.sessions.append(MapSession(str(uuid4()), name, start_ns, camera, frame))
 
+    def assume_mount(self, mount: Pose) -> None:
+        """Set the mount of the camera in sessions that have none; by default the query's."""
+        self._usual_mount = mount
+
+    def take_links(self) -> Links:
+        """Remove all links, and return them."""
+        taken, self.links = self.links, Links(self.bounds.around)
+        return taken
+
     def camera_of(self, index: int, query: Camera) -> Camera:
         """Return the camera of a place; what its session lacks comes from the query's camera."""
         camera = self.sessions[self.places[index].session].camera
-        mount = (camera and camera.mount) or self.usual_mount or query.mount
+        mount = (camera and camera.mount) or self._usual_mount or query.mount
         return replace(camera or query, mount=mount)
 
     def packed(self, index: int) -> Halves:

@@ -53,7 +53,7 @@ class MapWriter:
         map_id: str = '',
     ) -> None:
         encoding = without_path(encoding)
-        self._path, self.linked = path, 0  # `linked`: rows of links of the source already written
+        self._path, self.linked = path, 0  # rows of links of the source that are written already
         if append and not path.is_file():
             raise MapError(f'{path}: no such map to add to; leave out --append to make it')
         with as_map_error(path):
@@ -68,6 +68,12 @@ class MapWriter:
             except BaseException:
                 self.close()
                 raise
+
+    def reference_map(self) -> ReferenceMap:
+        """Return the map of the file, which may grow; its links are written already."""
+        opened = self.reader.reference_map()
+        self.linked = opened.links.looked_up_count
+        return opened
 
     def _make(self, settings: Settings, append: bool | None) -> bool:
         """Make the file unless it is a map to append to; return whether it was made."""
