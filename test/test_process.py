@@ -111,6 +111,45 @@ def test_a_signal_while_a_lock_is_held_ends_a_command_after_the_frame(verb, tmp_
     assert len(open_map(path)) == 1 and len([*tmp_path.glob('map.db*')]) == 1
 
 
+# A signal that comes when a map has just been opened, or is about to be closed.
+AT_A_MAP = """
+import os, signal, sys
+from convseq_ros.core.map.autosave import Autosave
+
+when, method = sys.argv.pop(1), sys.argv.pop(1)
+original = getattr(Autosave, method)
+
+def interrupted(self, *given, **more):
+    if when == 'before':
+        os.kill(os.getpid(), signal.SIGINT)
+    result = original(self, *given, **more)
+    if when == 'after':
+        os.kill(os.getpid(), signal.SIGINT)
+    return result
+
+setattr(Autosave, method, interrupted)
+from convseq_ros.node.process import run
+sys.exit(run('convseq_ros.cli', 1))
+"""
+
+
+@pytest.mark.parametrize('verb', ['build-map', 'replay'])
+@pytest.mark.parametrize(('when', 'places'), [('after __init__', 0), ('before close', 5)])
+def test_a_signal_while_a_map_is_opened_or_closed_leaves_nothing_beside_it(
+    verb, when, places, tmp_path
+):
+    folder, path = written(tmp_path / 'drive', map(scene, range(5))), tmp_path / 'map.db'
+    words = ['--map', path, '--mode', 'online', '--output', tmp_path / 'result.csv']
+    words = [folder, *([path] if verb == 'build-map' else words)]
+    start = sys.executable, '-c', AT_A_MAP, *when.split(), verb
+    done = run(*start, *map(str, words), timeout=180)
+    assert done.returncode == 1 and f'convseq {verb}: interrupted' in done.stderr
+    left = ['map.db'] if places or verb == 'replay' else []
+    assert [file.name for file in tmp_path.glob('map.db*')] == left
+    if places:
+        assert len(open_map(path)) == places
+
+
 @pytest.mark.parametrize(('reads', 'works'), [(0, None), (1, None), (3, None), (None, 2)])
 def test_an_interruption_waits_for_the_end_of_a_step(reads, works, monkeypatch):
     monkeypatch.setattr(process, '_later', None)

@@ -28,6 +28,7 @@ from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import MapError, NO_PLACES, printable
 from convseq_ros.io.output_file import ANY, FIGURE
 from convseq_ros.io.regular_file import write_lines
+from convseq_ros.node.process import held
 from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.edges import edges_of, Poses
 from convseq_ros.pose_graph.g2o import g2o
@@ -65,7 +66,7 @@ def run(chosen: argparse.Namespace) -> None:
     target = chosen.map.resolve()
     beside = [target.with_name(target.name + end) for end in (LOCK, *BESIDE)]
     if count or any(file.exists() for file in beside):  # which a killed one leaves
-        with closing(Autosave(chosen.map, encoding, keyframes, append=True)) as kept:
+        with held(), closing(Autosave(chosen.map, encoding, keyframes, append=True)) as kept:
             for _ in linking(chosen.map, kept.reference_map):
                 kept.save()
     make_outputs(chosen, open_map(chosen.map))

@@ -8,6 +8,7 @@ once. Afterwards `hand_over` sets a function that finishes the work first.
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 import os
 from pathlib import Path
@@ -30,7 +31,7 @@ _CHOSEN_BY = VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE'
 _THREAD_COUNTS = 'OPENBLAS_NUM_THREADS', 'OPENCV_FOR_THREADS_NUM'
 
 _later: Callable[[], None] | None = None
-_is_held = _is_asked = False  # whether an interruption waits for the end of a step, or has come
+_is_held = _is_asked = False  # whether an interruption is to wait, and whether one does
 
 
 def use_one_thread() -> None:
@@ -81,7 +82,7 @@ def hand_over(later: Callable[[], None]) -> None:
 
 
 def interrupt() -> None:
-    """Raise KeyboardInterrupt, in `steps` after the step; when called again, end at once."""
+    """Raise KeyboardInterrupt, in `held` blocks later; when called again, end at once."""
     global _is_asked
     hand_over(lambda: os._exit(1))
     if _is_held:
@@ -96,23 +97,37 @@ def interrupt() -> None:
     raise KeyboardInterrupt
 
 
-def steps(items: Iterable[Item]) -> Iterator[Item]:
+@contextmanager
+def held() -> Iterator[None]:
     """
-    Yield the items; `interrupt` raises KeyboardInterrupt between two of them.
+    Let `interrupt` raise KeyboardInterrupt at the end of a block, or between two `steps` in it.
 
-    Within a step it might leave a lock behind, for which other threads would wait for ever.
+    Elsewhere it might leave a file open, or a lock for which other threads would wait for ever.
     """
-    global _is_held, _is_asked
-    _is_held, _is_asked = True, False
+    global _is_held
+    before, _is_held = _is_held, True
     try:
-        for item in items:
-            if _is_asked:
-                break
-            yield item
-        if _is_asked:
-            raise KeyboardInterrupt
+        yield
     finally:
-        _is_held = False
+        _is_held = before
+    if not before:
+        _raise_if_asked()
+
+
+def steps(items: Iterable[Item]) -> Iterator[Item]:
+    """Yield the items; `interrupt` raises KeyboardInterrupt between two of them."""
+    with held():
+        for item in items:
+            _raise_if_asked()
+            yield item
+        _raise_if_asked()
+
+
+def _raise_if_asked() -> None:
+    global _is_asked
+    was_asked, _is_asked = _is_asked, False
+    if was_asked:
+        raise KeyboardInterrupt
 
 
 def ignore() -> None:
