@@ -10,6 +10,7 @@ from typing import Any
 
 from convseq_ros.cli.options import add_config, chosen_config, warn
 from convseq_ros.cli.outputs import add_output
+from convseq_ros.core.match_picture import answer_picture
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -17,7 +18,6 @@ from convseq_ros.core.types import Frame, Localization, Match, PoseEstimate
 from convseq_ros.errors import ConfigError, ConvseqError, ImageError, printable, SourceError
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.models.onnx_model import open_model
-from convseq_ros.node.match_picture import answer_picture
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.folder import FRAME_INTERVAL_NS, unreadable
 from convseq_ros.sources.images import gray_and_color, read_picture
@@ -97,6 +97,8 @@ def _pose(matches: Sequence[Match], recognizer: PlaceRecognizer) -> PoseEstimate
     for match in reversed(matches):
         if match.accepted and match.accepted.reference_index == last.reference_index:
             return match.pose
+    # No match was accepted for this place: it is a candidate, or a look of the accepted one. So no
+    # record has the pose there; it is that of the place, with a heading that is not known.
     return estimate_pose(recognizer.reference_map.places, last.reference_index)
 
 

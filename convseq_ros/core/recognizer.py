@@ -97,7 +97,7 @@ class PlaceRecognizer:
         self.decider: Decider = (
             BeliefDecider(reference_map, self.matcher, coarse, config)
             if config.believes
-            else PaperDecider(reference_map, coarse, config)
+            else PaperDecider(reference_map, coarse, similarity, config)
         )
         if leader:
             self.decider.use_matches_of(leader.decider)

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.core.match_picture import answer_picture
 from convseq_ros.core.pose.estimate import with_map_errors
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match, PoseEstimate
@@ -21,7 +22,6 @@ from convseq_ros.node.conversions import (
     pose_message,
 )
 from convseq_ros.node.map_topics import MapTopics, MatchMarkers
-from convseq_ros.node.match_picture import answer_picture
 from convseq_ros.node.qos import advertise
 from convseq_ros.node.recognition import Answered
 from diagnostic_msgs.msg import DiagnosticArray

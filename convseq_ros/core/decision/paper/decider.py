@@ -24,11 +24,16 @@ class PaperDecider(Decider):
 
     """
 
-    def __init__(self, reference_map: ReferenceMap, coarse: AllPlaces, config: Config) -> None:
-        self._map, self._coarse = reference_map, coarse
+    def __init__(
+        self,
+        reference_map: ReferenceMap,
+        coarse: AllPlaces,
+        similarity: PaperSimilarity,
+        config: Config,
+    ) -> None:
+        self._map, self._coarse, self._similarity = reference_map, coarse, similarity
         self._listed = config.matching.shortlist_length
         self._shares_regions = config.sequence.sequence_regions == 'newest'
-        self._similarity = PaperSimilarity(config.matching.kernel)
 
     def reset(self) -> None:
         self._coarse.reset()
