@@ -9,6 +9,7 @@ from convseq_ros.cli.parameter_file import read_parameter_file
 from convseq_ros.config import Config, flatten, make_config, with_values
 from convseq_ros.config.paper import PAPER, paper_parameters
 from convseq_ros.errors import ConfigError
+import numpy as np
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -42,6 +43,14 @@ def test_flat_values_round_trip():
 def test_a_value_that_is_not_allowed_is_refused(name, value, told):
     with pytest.raises(ConfigError, match=told):
         make_config({name: value})
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'kind'),
+    [('fixed_length', np.int64(3), int), ('min_confidence', np.float32(0.5), float)],
+)
+def test_numbers_of_numpy_are_taken_as_those_of_python(name, value, kind):
+    assert type(flatten(make_config({name: value}))[name]) is kind
 
 
 def test_the_shipped_parameter_file_holds_the_defaults_of_the_code():

@@ -41,7 +41,7 @@ def test_a_result_table_is_read_as_it_was_written(tmp_path):
     with ResultWriter(path, COLUMNS) as table:
         for match in (ACCEPTED, REJECTED, SKIPPED):
             table.write(row(match, 1.5))
-    accepted, rejected, skipped = read_results(path)
+    accepted, rejected, skipped = read_results(str(path))
     assert ','.join(accepted.values()) == (
         '3,3000,accepted,accepted,4,4000,0.9123457,0.8000,7,4,0.9123457,0.5,-2.0,100,1.500,7.5,'
         '-40.0,0.08000,231,localised,0.8000,1.0000,-0.2500,0.0000,0.000000,0.000000,0.000000,'

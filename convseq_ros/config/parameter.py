@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields
 import difflib
 import math
+from numbers import Integral, Real
 from typing import Any
 
 from convseq_ros.config.arguments import local
@@ -14,6 +15,7 @@ from convseq_ros.config.retired import retired
 from convseq_ros.errors import ConfigError
 
 Value = bool | int | float | str
+_NUMBERS = {int: Integral, float: Real}
 
 
 def parameter(default: Value, doc: str, **about: Any) -> Any:
@@ -38,8 +40,9 @@ class Parameter:
 
     def check(self, value: object) -> Value:
         """Return the value in this type, 1 for 1.0; ConfigError if wrong or out of bounds."""
-        if self.type is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
+        kind = _NUMBERS.get(self.type)
+        if kind and isinstance(value, kind) and not isinstance(value, bool):
+            value = self.type(value)  # also of NumPy
         if type(value) is not self.type:
             raise ConfigError(
                 f'{self.name}: expected {self.type.__name__}, got {value!r}; '

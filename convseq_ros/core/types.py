@@ -5,6 +5,7 @@
 from dataclasses import dataclass
 from enum import StrEnum
 import math
+import operator
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,18 @@ class Camera:
     distortion: tuple[float, ...] = ()  # its coefficients, in OpenCV's order; empty for none
     mount: Pose | None = None  # in the base, x along the optical axis; None if unknown
 
+    def __post_init__(self) -> None:
+        if not (0 < self.fx_px < math.inf and 0 < self.fy_px < math.inf):
+            raise ValueError(f'fx_px, fy_px: {self.fx_px}, {self.fy_px} are no focal lengths')
+
+
+def check_gray(image: Any) -> None:
+    """Raise a ValueError if an image is not an array (H, W) of uint8."""
+    kind = f'{getattr(image, "shape", type(image).__name__)} {getattr(image, "dtype", "")}'.strip()
+    is_array = isinstance(image, np.ndarray)
+    if not is_array or image.ndim != 2 or image.dtype != np.uint8 or image.size == 0:
+        raise ValueError(f'expected (H, W) uint8, got {kind}')
+
 
 @dataclass(frozen=True, slots=True)
 class Frame:
@@ -89,6 +102,18 @@ class Frame:
     depth_m: npt.NDArray[np.float32] | None = None
     color: npt.NDArray[np.uint8] | None = None  # (H, W, 3), blue, green, red, if it is needed
     frame_id: str = ''  # name of the camera's coordinates, as the message has it
+
+    def __post_init__(self) -> None:
+        """Take a NumPy stamp as an int; ValueError for another stamp, or an image of others."""
+        try:
+            stamp_ns = int(operator.index(self.stamp_ns))
+        except TypeError:
+            raise ValueError(f'stamp_ns: {self.stamp_ns!r} is no integer; give ns') from None
+        if not -(2**63) <= stamp_ns < 2**63:
+            raise ValueError(f'stamp_ns: {stamp_ns} does not fit into 64 bits; give ns')
+        object.__setattr__(self, 'stamp_ns', stamp_ns)
+        if self.gray is not None:
+            check_gray(self.gray)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

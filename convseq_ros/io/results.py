@@ -119,8 +119,9 @@ def _free_name(path: Path) -> Path:
     return next(name for name in names if not name.exists())
 
 
-def read_results(path: Path) -> list[dict[str, str]]:
+def read_results(path: Path | str) -> list[dict[str, str]]:
     """Return the rows of a table, empty fields as empty texts; SourceError if it is no table."""
+    path = Path(path)
     refuse_irregular(path)
     try:
         with path.open(newline='', encoding='utf-8') as file:

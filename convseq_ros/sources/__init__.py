@@ -103,7 +103,9 @@ class SeveralCameras:
         self.warnings[:] = dict.fromkeys(lines)  # cameras may share poses
 
 
-def open_source(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Source:
+def open_source(
+    path: Path | str, topic: str = '', reading: ReadingConfig = ReadingConfig()
+) -> Source:
     """
     Open a folder of pictures, a recording or a video; SourceError if the path is none of them.
 
@@ -122,7 +124,7 @@ def open_source(path: Path, topic: str = '', reading: ReadingConfig = ReadingCon
 
 
 def open_annotated(
-    path: Path,
+    path: Path | str,
     topic: str = '',
     odom: str = '',
     camera_info: str = '',
@@ -139,6 +141,7 @@ def open_annotated(
     folder, of images registered to the camera. Where the camera is on the robot is read from
     /tf_static of a recording, as `tf` says. SourceError if any of them cannot be read.
     """
+    path = Path(path)
     source = open_source(path, topic, reading)
     if odom and poses:
         raise SourceError(f'poses of topic {odom} or of file {poses}: give one of them')
@@ -223,7 +226,7 @@ def _refuse_other_times(source: Source, pose_at: PoseAt, poses: Path) -> None:
 
 
 def open_each_camera(
-    path: Path,
+    path: Path | str,
     topics: str = '',
     camera_info: str = '',
     depth: str = '',

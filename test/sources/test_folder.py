@@ -88,7 +88,7 @@ def test_poses_of_other_times_than_the_pictures_are_refused(tmp_path):
     with pytest.raises(SourceError, match=r'groundtruth.txt: has no pose .* 0.100 to 0.100 s'):
         open_annotated(tmp_path, poses=poses)
     (tmp_path / '7.png').rename(tmp_path / '1305031102.175304.png')
-    (frame,) = open_annotated(tmp_path, poses=poses)
+    (frame,) = open_annotated(str(tmp_path), poses=poses)
     assert frame.pose.position[0] == pytest.approx(0.75304)
 
 

@@ -7,7 +7,7 @@ from functools import cache
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.encoding.entropy import cell_entropies, ENTROPY
-from convseq_ros.core.types import constants, Descriptor, Doubles, Flags, Floats, Gray
+from convseq_ros.core.types import check_gray, constants, Descriptor, Doubles, Flags, Floats, Gray
 import cv2
 import numpy as np
 
@@ -33,8 +33,7 @@ def describe(gray: Gray, config: EncodingConfig = EncodingConfig()) -> Descripto
     Masked cells have no gradient, and no region with one is salient. ValueError if the image is
     not (H, W) uint8, or the mask is of a different number of cells (`mask.masked`).
     """
-    if gray.ndim != 2 or gray.dtype != np.uint8 or gray.size == 0:
-        raise ValueError(f'expected (H, W) uint8, got {gray.shape} {gray.dtype}')
+    check_gray(gray)
     side = config.image_size_px
     interpolation = INTERPOLATIONS[config.resize]
     resized = cv2.resize(gray, (side, side), interpolation=interpolation)
