@@ -3,10 +3,12 @@
 """The right references of each query: from tables of pairs, positions, or equal indices."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 import csv
 from dataclasses import dataclass
 import io
 from pathlib import Path
+import re
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import SourceError
@@ -18,6 +20,7 @@ Flags = npt.NDArray[np.bool_]
 Numbers = npt.NDArray[np.int64]
 Metres = npt.NDArray[np.float64]
 SLIP_FRAMES = 3
+_WHOLE = re.compile(r'[0-9]+(\.0*)?')
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,33 +99,53 @@ def read_pairs(
     Return the 0-based pairs of a CSV table, int64 (P, 2), or (P, 3) with a tolerance each.
 
     The columns are query, reference and optionally `tolerance`: frame numbers from `first_index`
-    on, or file names. A cell may hold several references. SourceError if it cannot be read.
+    on, or file names. Under other names, the first two columns are meant; a table needs no names.
+    A cell may hold several references. SourceError if it cannot be read.
     """
     text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
     try:
         rows = [row for row in csv.reader(text) if any(cell.strip() for cell in row)]
     except csv.Error:
         raise SourceError(f'{path}: not a CSV table; check the file') from None
-    header = [cell.strip().lower() for cell in rows[0]] if rows else []
-    if len(header) < 2:
-        raise SourceError(f'{path}: expected a header and the columns query, reference')
-    tolerance_column = header.index('tolerance') if 'tolerance' in header else None
-    numbers = [_numbers(query_names, first_index), _numbers(reference_names, first_index)]
+    frame_of = [_numbers(query_names, first_index), _numbers(reference_names, first_index)]
+    names, lines = [cell.strip().lower() for cell in rows[0]] if rows else [], rows[1:]
+    with suppress(LookupError):
+        frame_of[0](names[0])
+        names, lines = ['query', 'reference'], rows
+    columns = _columns(names, path)
     pairs = []
-    for line, row in enumerate(rows[1:], 2):
+    for line, row in enumerate(lines, 1 + len(rows) - len(lines)):
         try:
-            query = numbers[0](row[0].strip())
-            tolerance = [] if tolerance_column is None else [int(row[tolerance_column])]
-            pairs += [[query, numbers[1](cell), *tolerance] for cell in row[1].split()]
-        except (IndexError, ValueError, OverflowError):
+            query, references, *tolerance = (row[column].strip() for column in columns)
+            found = [[frame_of[0](query), frame_of[1](cell)] for cell in references.split()]
+            pairs += [[*pair, *map(_count, tolerance)] for pair in found]
+        except (LookupError, ValueError):
             raise SourceError(
                 f'{path}: line {line} ({",".join(row)[:80]}) names no frames; expected numbers or '
                 'names of images'
             ) from None
+        if any(row[len(names) :]):
+            raise SourceError(
+                f'{path}: line {line} ({",".join(row)[:80]}) has more cells than the first line; '
+                'put several references into one, with spaces between'
+            )
     try:
-        return np.array(pairs, np.int64).reshape(-1, 2 if tolerance_column is None else 3)
+        return np.array(pairs, np.int64).reshape(-1, len(columns))
     except OverflowError:
         raise SourceError(f'{path}: a frame number is too large') from None
+
+
+def _columns(names: Sequence[str], path: Path) -> list[int]:
+    """Return which columns of a table are query, reference and, if there is one, tolerance."""
+    kinds = 'query', 'reference'
+    named = [names.index(kind) for kind in kinds if kind in names]
+    tolerance = [names.index('tolerance')] if 'tolerance' in names else []
+    chosen = named or [at for at in range(len(names)) if at not in tolerance][:2]
+    if len(chosen) < 2:
+        raise SourceError(
+            f'{path}: expected a header and the columns query, reference, with commas between'
+        )
+    return chosen + tolerance
 
 
 def read_positions(
@@ -132,14 +155,16 @@ def read_positions(
     Return the positions of a drive's frames, `query` or `reference`, (count, 3), in metres.
 
     The CSV table has the columns x, y and optionally z and `drive`, and one row per frame, in
-    order. SourceError for another table.
+    order; a position that is not finite is unknown, NaN. SourceError for another table.
     """
     text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
+    table = csv.DictReader(text)
     try:
-        rows: list[Mapping[str, str]] = list(csv.DictReader(text))
-        rows = [row for row in rows if row.get('drive', drive) == drive]
+        table.fieldnames = [name.strip().lower() for name in table.fieldnames or []]
+        rows: list[Mapping[str, str]] = list(table)
+        rows = [row for row in rows if row.get('drive', drive).strip().lower() == drive]
         positions = [[float(row['x']), float(row['y']), float(row.get('z') or 0)] for row in rows]
-    except (csv.Error, KeyError, TypeError, ValueError):
+    except (AttributeError, csv.Error, KeyError, TypeError, ValueError):
         raise SourceError(
             f'{path}: expected a CSV table with the columns x, y, z in metres'
         ) from None
@@ -147,7 +172,8 @@ def read_positions(
         raise SourceError(
             f'{path}: {len(positions)} positions for {count} {drive} images; give one for each'
         )
-    return np.array(positions).reshape(-1, 3)
+    found = np.array(positions).reshape(-1, 3)
+    return np.where(np.isfinite(found).all(axis=1, keepdims=True), found, np.nan)
 
 
 def _numbers(names: Sequence[str], first_index: int) -> Callable[[str], int]:
@@ -155,9 +181,13 @@ def _numbers(names: Sequence[str], first_index: int) -> Callable[[str], int]:
     by_name |= {Path(name).stem: index for index, name in enumerate(names)}
 
     def number(cell: str) -> int:
-        try:
-            return int(cell) - first_index
-        except ValueError:
-            return by_name[cell] if cell in by_name else int(float(cell)) - first_index
+        return by_name[cell] if not _WHOLE.fullmatch(cell) else _count(cell) - first_index
 
     return number
+
+
+def _count(cell: str) -> int:
+    """Return a whole number that is not negative, 2 for 2.0; LookupError for another cell."""
+    if not _WHOLE.fullmatch(cell):
+        raise LookupError(cell)
+    return int(cell.partition('.')[0])

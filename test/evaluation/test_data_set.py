@@ -188,11 +188,38 @@ def test_a_table_may_count_from_one_and_hold_tolerances(tmp_path):
 
 
 @pytest.mark.parametrize(
+    'text',
+    [
+        'Query, Reference\n1,2\n0,3\n',
+        'reference,query\n2,1\n3,0\n',
+        'id,query,reference\n8,1,2\n9,0,3\n',
+        'frame,revisits,why\n1,2,seen\n0,3,heard\n',
+        '1,2\n0,3\n',
+        'img1,img2.jpg\n0.0,3\n',
+    ],
+)
+def test_columns_of_a_table_are_those_of_its_names_and_without_names_the_first_two(tmp_path, text):
+    assert read_pairs(write(tmp_path / 'gt.csv', text), NAMES, NAMES).tolist() == [[1, 2], [0, 3]]
+
+
+def test_the_tolerance_of_a_table_may_stand_first(tmp_path):
+    table = write(tmp_path / 'gt.csv', 'tolerance,frame,revisits\n7,1,2\n')
+    assert read_pairs(table, NAMES, NAMES).tolist() == [[1, 2, 7]]
+
+
+@pytest.mark.parametrize(
     ('text', 'problem'),
     [
         ('', 'expected a header'),
+        ('query;reference\n0;0\n', 'query, reference, with commas between'),
+        ('frame,reference\n0,0\n', 'the columns query, reference'),
         ('query,reference\n1\n', 'line 2'),
         ('query,reference\n1,elsewhere\n', 'line 2 .1,elsewhere. names no frames'),
+        ('query,reference\n1,0.7\n', 'names no frames'),
+        ('query,reference\n1,1_0\n', 'names no frames'),
+        ('query,reference\n1,-1\n', 'names no frames'),
+        ('query,reference,tolerance\n1,0,-3\n', 'names no frames'),
+        ('query,reference\n1,0,2\n', 'line 2 .1,0,2. has more cells than the first line'),
     ],
 )
 def test_an_invalid_table_of_pairs_is_refused_in_one_line(tmp_path, text, problem):
@@ -204,6 +231,8 @@ def test_an_invalid_table_of_pairs_is_refused_in_one_line(tmp_path, text, proble
 def test_positions_come_from_a_table_of_one_or_both_drives(tmp_path):
     both = write(tmp_path / 'both.csv', 'drive,x,y,z\nquery,1,2,3\nreference,4,5,6\n')
     assert read_positions(both, 'reference', 1).tolist() == [[4, 5, 6]]
+    named = write(tmp_path / 'named.csv', 'Drive, X, Y\nQuery,1,2\nQuery,inf,2\n')
+    np.testing.assert_array_equal(read_positions(named, 'query', 2), [[1, 2, 0], [np.nan] * 3])
     plain = write(tmp_path / 'plain.csv', 'x,y\n1,2\n')
     assert read_positions(plain, 'query', 1).tolist() == [[1, 2, 0]]
     with pytest.raises(SourceError, match='1 positions for 2 query images'):
