@@ -21,7 +21,13 @@ from convseq_ros.core.map.edit import (
     write_new,
 )
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.map.session_slice import chosen_slice, joined, SessionSlice, slices_of
+from convseq_ros.core.map.session_slice import (
+    chosen_slice,
+    joined,
+    sessions_of,
+    SessionSlice,
+    slices_of,
+)
 from convseq_ros.errors import MapError, NO_PLACES
 from convseq_ros.io.output_file import ANY
 
@@ -90,7 +96,7 @@ def _unlink(chosen: argparse.Namespace) -> None:
         raise MapError(f'{chosen.map}: place {min(unknown)} has no link; see `convseq map browse`')
     places = {*chosen.place}
     for wanted in chosen.session:
-        places |= {*chosen_slice(slices_of(chosen.map, reference_map), wanted).places}
+        places |= {*chosen_slice(sessions_of(chosen.map, reference_map), wanted).places}
     count = unlink(chosen.map, places or None)
     note = 'their places are not looked up again'
     if not places:
@@ -114,7 +120,7 @@ def _merge(chosen: argparse.Namespace) -> None:
 
 def _split(chosen: argparse.Namespace) -> None:
     folder, files = chosen.output or chosen.map.parent, dict[Path, SessionSlice]()
-    for part in slices_of(chosen.map):
+    for part in sessions_of(chosen.map):
         name = _UNUSUAL.sub('_', part.session.name).strip('._') or str(part.number)
         path = folder / f'{name}.db'
         if path in files or path.exists():
@@ -129,7 +135,7 @@ def _split(chosen: argparse.Namespace) -> None:
 
 def _remove(chosen: argparse.Namespace) -> None:
     if chosen.session:
-        slices = slices_of(chosen.map)
+        slices = sessions_of(chosen.map)
         removed = [chosen_slice(slices, wanted) for wanted in chosen.session]
         remaining = [part for part in slices if part not in removed]
         if not remaining:
@@ -141,7 +147,7 @@ def _remove(chosen: argparse.Namespace) -> None:
 
 
 def _rename(chosen: argparse.Namespace) -> None:
-    slices = slices_of(chosen.map)
+    slices = sessions_of(chosen.map)
     part, name = chosen_slice(slices, chosen.session), chosen.name
     if not name.isprintable() or not 0 < len(name) <= _MOST_CHARACTERS:
         raise MapError(f'name: {name!a} is not a line of 1 to {_MOST_CHARACTERS} characters')

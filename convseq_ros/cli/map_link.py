@@ -22,10 +22,10 @@ from convseq_ros.core.map.edit import refuse_existing, relinked, write_new
 from convseq_ros.core.map.lock import LOCK
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.session_slice import joined, SessionSlice, slices_of
+from convseq_ros.core.map.session_slice import joined, sessions_of, SessionSlice
 from convseq_ros.core.map_builder import link_map, not_linked, problem_of_linking
 from convseq_ros.core.rigid import matrix, pose_of
-from convseq_ros.errors import MapError, NO_PLACES, printable
+from convseq_ros.errors import MapError, printable
 from convseq_ros.io.output_file import ANY, FIGURE
 from convseq_ros.io.regular_file import write_lines
 from convseq_ros.node.process import held
@@ -90,9 +90,7 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
     """Print the links of a map, and make the outputs that the options name."""
     if chosen.output:
         refuse_existing(chosen.output)
-    slices, links = slices_of(chosen.map, linked), [*linked.links.each()]
-    if not slices:
-        raise MapError(f'{chosen.map}: {NO_PLACES}')
+    slices, links = sessions_of(chosen.map, linked), [*linked.links.each()]
     _report(slices, links, chosen.json)
     poses = {at: matrix(place.pose) for at, place in enumerate(linked.places) if place.pose}
     session = [place.session for place in linked.places]

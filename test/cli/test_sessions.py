@@ -240,3 +240,15 @@ def test_a_full_disk_leaves_all_as_it_was(two, maps, tmp_path, run):
         assert code == 1 and 'cannot write' in line and line.count('\n') == 1
     assert two.read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ['two.db']
+
+
+@pytest.mark.parametrize(
+    'words',
+    ['remove MAP --session 0', 'unlink MAP --session 0', 'rename MAP --session 0 x', 'split MAP'],
+)
+def test_a_map_without_places_is_refused_with_the_remedy(words, tmp_path, run):
+    path = tmp_path / 'empty.db'
+    Autosave(path, CONFIG.encoding, CONFIG.keyframes).close()  # as a node that saw nothing leaves
+    code, said = run('map', *words.replace('MAP', str(path)).split())
+    assert code == 1 and said.count('\n') == 1
+    assert f'{path}: has no places; add a drive: convseq build-map RECORDING MAP --append' in said

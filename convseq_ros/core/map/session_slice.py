@@ -15,7 +15,7 @@ from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Pose
-from convseq_ros.errors import MapError
+from convseq_ros.errors import MapError, NO_PLACES
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +45,13 @@ def slices_of(path: Path, opened: ReferenceMap | None = None) -> list[SessionSli
             session = replace(session, name=session.name or default_name)
             slices.append(SessionSlice(path, reference_map, number, session, range(start, end)))
     return slices
+
+
+def sessions_of(path: Path, opened: ReferenceMap | None = None) -> list[SessionSlice]:
+    """Return what `slices_of` does; MapError if the map has no places."""
+    if slices := slices_of(path, opened):
+        return slices
+    raise MapError(f'{path}: {NO_PLACES}')
 
 
 def chosen_slice(slices: Sequence[SessionSlice], wanted: str) -> SessionSlice:
