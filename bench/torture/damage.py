@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Damages files like a bad disk: a map, the log of a growing map, a recording."""
+"""Damages files like a bad disk: a map, and the log of a growing map."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -11,27 +11,19 @@ from typing import NamedTuple
 from convseq_ros.core.map.format import PAGE_BYTES
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.errors import SourceError
-from convseq_ros.sources import open_source
-from mcap.reader import make_reader
-from mcap.writer import CompressionType
-import numpy as np
 
-from bench import recordings
 from bench.torture.attack import Try
 from bench.torture.maps import add_one, answers, crash, drawn, links_hold, log_of, problem_of_use
 
 _SECTOR = 512
 _LOG_FRAME, _LOG_HEAD = PAGE_BYTES + 24, 24  # of a log: a page with its header
-_IMAGES = 12
 
 
 class Sample(NamedTuple):
-    """A file that is damaged in one of the spans, and what must hold then."""
+    """A file that is damaged, and what must hold then."""
 
     path: Path
     problem: Callable[[range], str]  # by the bytes that are damaged
-    spans: Sequence[range]
 
 
 def map_damage(count: int, seed: int, folder: Path) -> Iterator[Try]:
@@ -48,7 +40,7 @@ def map_damage(count: int, seed: int, folder: Path) -> Iterator[Try]:
             return f'has {len(opened.links)} links, and says {opened.problem!r}'
         return add_one(path, 60)
 
-    sample = Sample(path, lambda _: problem_of_use(path, used), [range(path.stat().st_size)])
+    sample = Sample(path, lambda _: problem_of_use(path, used))
     kinds = *6 * ['flip'], 'zeros', *2 * ['elsewhere'], 'cut'
     return _damaged([sample], kinds, count, random.Random(seed))
 
@@ -60,13 +52,6 @@ def log_damage(count: int, seed: int, folder: Path) -> Iterator[Try]:
     return _damaged(samples, (*9 * ['flip'], 'zeros'), count, draw)
 
 
-def recording_damage(count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Damage the chunks of recordings of 12 images, plain, of lz4 and of zstd."""
-    kinds = CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD
-    samples = [_recording(folder / f'{kind.name}.mcap', kind) for kind in kinds]
-    return _damaged(samples, ('flip',), count, random.Random(seed))
-
-
 def _damaged(
     samples: list[Sample], kinds: Sequence[str], count: int, draw: random.Random
 ) -> Iterator[Try]:
@@ -74,8 +59,8 @@ def _damaged(
     folder = samples[0].path.parent
     files = {path: path.read_bytes() for path in folder.iterdir()}
     for number in range(count):
-        (path, problem, spans), kind = draw.choice(samples), draw.choice(kinds)
-        span, content = _damage(files[path], draw.choice(spans), kind, draw)
+        (path, problem), kind = draw.choice(samples), draw.choice(kinds)
+        span, content = _damage(files[path], kind, draw)
         for one in folder.iterdir():
             one.unlink()
         for one, whole in files.items():
@@ -83,11 +68,9 @@ def _damaged(
         yield Try(f'{number}: {kind} of {path.name} at {span.start}', problem(span))
 
 
-def _damage(
-    content: bytes, span: range, kind: str, draw: random.Random
-) -> tuple[range, bytes | bytearray]:
+def _damage(content: bytes, kind: str, draw: random.Random) -> tuple[range, bytes | bytearray]:
     """Return which bytes are damaged, and all of them."""
-    new, at = bytearray(content), draw.choice(span)
+    new, at = bytearray(content), draw.randrange(len(content))
     if kind == 'flip':
         new[at] ^= 1 << draw.randrange(8)
         return range(at, at + 1), new
@@ -121,33 +104,4 @@ def _log(path: Path, commits: int, draw: random.Random) -> Sample:
         is_damaged = log.read_bytes() != whole
         return problem_of_use(path, partial(used, allowed), may_refuse=is_damaged)
 
-    return Sample(log, problem, [range(len(whole))])
-
-
-def _recording(path: Path, kind: CompressionType) -> Sample:
-    recordings.write_mcap(path, recordings.drive(map(recordings.gray, range(_IMAGES))), kind)
-    with path.open('rb') as file:
-        summary = make_reader(file).get_summary()
-    assert summary
-    starts = [(one.chunk_start_offset, one.chunk_length) for one in summary.chunk_indexes]
-    chunks = [range(start, start + length) for start, length in starts]
-    return Sample(path, lambda _: _frames_problem(path), chunks)
-
-
-def _frames_problem(path: Path) -> str:
-    """Read a damaged recording; return what is wrong with its frames."""
-    try:
-        source = open_source(path)
-        frames = list(source)
-    except SourceError as error:
-        return '' if '\n' not in str(error) else f'{error!r}'
-    stamps_ns = (recordings.START_NS + number * recordings.STEP_NS for number in range(_IMAGES))
-    written = {at: recordings.gray(number) for number, at in enumerate(stamps_ns)}
-    for frame in frames:
-        if frame.stamp_ns not in written:
-            return f'a frame of {frame.stamp_ns} ns'
-        if frame.gray is None or not np.array_equal(frame.gray, written[frame.stamp_ns]):
-            return f'the frame of {frame.stamp_ns} ns is another'
-    if len(frames) < _IMAGES and not 1 <= len(source.warnings) <= 2:  # which chunk, how many
-        return f'{len(frames)} frames, told in {source.warnings}'
-    return ''
+    return Sample(log, problem)

@@ -79,9 +79,12 @@ def decoders() -> dict[str, Decoder]:
     return by_name | {
         'map': Decoder([_map()], _in_file('map.db', answers)),
         'image mask': Decoder([pictures['png']], _in_file('m.png', _mask)),
-        'parameter file': Decoder([_PARAMETERS], _in_file('my.yaml', read_parameter_file)),
+        'parameter file': Decoder(
+            [_of_ours('config/paper.yaml')], _in_file('my.yaml', read_parameter_file)
+        ),
         'data set': Decoder(
-            [_DATA_SET], _in_file('set.yaml', lambda path: read_data_set(path, path.parent))
+            [_of_ours('convseq_ros/data_sets/corridor.yaml')],
+            _in_file('set.yaml', lambda path: read_data_set(path, path.parent)),
         ),
         'camera file': Decoder(
             [_CAMERA, b'P0: ' + b'1 ' * 12],
@@ -126,6 +129,11 @@ def _recordings() -> dict[str, bytes]:
         return {path.name: path.read_bytes() for path in files}
 
 
+def _of_ours(name: str) -> bytes:
+    """Return the content of a file of the repository."""
+    return Path(__file__).parents[2].joinpath(name).read_bytes()
+
+
 def _message(message: Any, read: Callable[[RawMessage], object]) -> Decoder:
     kind = message.__msgtype__
     data = bytes(recordings.ROS2.serialize_cdr(message, kind))
@@ -161,19 +169,6 @@ def _table() -> bytes:
     return f'{",".join(COLUMNS)}\n{row}\n{row}\n'.encode()
 
 
-_PARAMETERS = b"""/**:
-  ros__parameters:
-    matching: coherent
-    fixed_length: 25
-    closure_interval_s: 0.5
-    both_directions: true
-"""
-_DATA_SET = b"""name: street
-query: {path: query, count: 3}
-reference: {path: reference, topic: /camera}
-truth: {kind: table, path: truth.csv, tolerance: 2}
-published: {netvlad: scores.npy}
-"""
 _CAMERA = b"""image_width: 64
 image_height: 48
 camera_matrix: {rows: 3, cols: 3, data: [50, 0, 32, 0, 50, 24, 0, 0, 1]}
