@@ -128,8 +128,7 @@ def replay_chosen(
     if report:
         title = printable(f'{chosen.recording.name} in {name.name}')
         report.write(chosen.report, title, first)
-    problems = [cameras.odometry_problem] if cameras.odometry_problem else []
-    for warning in [*source.warnings, *problems]:
+    for warning in [*source.warnings, *cameras.problems]:
         warn(warning)
     if (loaded := first.reference_map).unreadable:
         warn(f'{name}: {loaded.unreadable} kept images cannot be used; {loaded.unreadable_why}')

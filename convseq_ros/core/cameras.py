@@ -89,14 +89,17 @@ class Cameras:
         return max(recognizer.decider.odometry_jumps for recognizer in self.each)
 
     @property
-    def odometry_problem(self) -> str:
-        """What is wrong with odometry, in one line; empty if nothing is."""
-        if not self.odometry_jumps:
-            return ''
-        return (
+    def problems(self) -> list[str]:
+        """What is wrong with odometry and with stamps, one line each."""
+        jumps = (
             f'odometry has steps faster than {ROBOT.fastest_mps:g} m/s, which count as no '
             'motion, though places keep their poses; check its unit, its source and its resets'
         )
+        resets = (
+            'the stamps of images went back by more than a second: the robot may be anywhere, and '
+            'what follows is a drive of its own'
+        )
+        return [jumps] * (self.odometry_jumps > 0) + [resets] * (self.resets > 0)
 
     @property
     def resets(self) -> int:

@@ -148,8 +148,8 @@ class Recognition:
             match = cameras.process(frame)
         duration_ms = before_ms + (time.perf_counter_ns() - start_ns) / 1e6
         self._save()
-        if cameras.odometry_problem:
-            self._once.warn(cameras.odometry_problem)
+        for problem in cameras.problems:
+            self._once.warn(problem)
         match = replace(match, query_index=arrival.number)
         self.results.write(match, duration_ms)
         latency_ms = (time.monotonic_ns() - arrival.arrival_ns) / 1e6
