@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+import hashlib
 from pathlib import Path
 
 from convseq_ros.config import Config, flatten
@@ -16,6 +17,7 @@ from convseq_ros.evaluation.methods import make_method, Method
 from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, run_protocol, VERSION
 from convseq_ros.evaluation.provenance import provenance
 from convseq_ros.evaluation.scorecard import add_pcu, judge, summarize, Summary, threshold_figures
+import numpy as np
 
 DEFAULT_METHODS = ('convseq', 'convseq-k10', 'cohog', 'seqslam', 'hog')
 PUBLISHED = 'published'
@@ -130,6 +132,7 @@ def _measure(
             'query': material.query.sha256,
             'reference': None if material.data_set.online else material.reference.sha256,
         },
+        'truth': hashlib.sha256(np.packbits(outcome.right).tobytes()).hexdigest(),
         **summarize(outcome, verdicts, plan.criterion),
         'configuration': {
             'kind': method.name.kind,

@@ -47,6 +47,12 @@ import numpy as np
 import numpy.typing as npt
 
 THUMBNAIL_PX = 160  # wide
+# What exports need in common, and how it is called if it differs.
+_SAME = {
+    'images': 'other images',
+    'truth': 'another truth, or part of the map,',
+    'criterion': 'another criterion',
+}
 EXTRA_COLUMNS = ('correct', 'known', 'slip', 'margin', 'entropy', 'half')
 
 
@@ -177,7 +183,8 @@ def read_exports(paths: Iterable[Path], reading: ReadingConfig) -> list[Mapping[
     for path in paths:
         try:
             summary = read_json(path, reading)
-            version, images = summary['protocol_version'], summary['images']
+            version = summary['protocol_version']
+            same = {key: summary[key] for key in _SAME} if version == VERSION else {}
             name, _ = str(summary['set']), str(summary['method'])
             check_figures(summary)
         except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
@@ -187,11 +194,13 @@ def read_exports(paths: Iterable[Path], reading: ReadingConfig) -> list[Mapping[
                 f'{path}: protocol version {version}, and this program has {VERSION}; '
                 'evaluate again with one program'
             )
-        if by_set.get(name) and by_set[name][0]['images'] != images:
-            raise SourceError(
-                f'{path}: its images of {name} are not those of the files before; compare figures '
-                'of one set of images'
-            )
+        first = by_set.get(name, [summary])[0]
+        for key, value in same.items():
+            if first[key] != value:
+                raise SourceError(
+                    f'{path}: {name} has {_SAME[key]} than in the files before; compare figures '
+                    'of the same'
+                )
         by_set.setdefault(name, []).append(summary)
     return [summary for exports in by_set.values() for summary in exports]
 

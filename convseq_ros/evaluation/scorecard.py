@@ -10,6 +10,7 @@ from typing import Any
 
 from convseq_ros.core.types import Match
 from convseq_ros.evaluation import metrics
+from convseq_ros.evaluation.given_scores import SequenceScores
 from convseq_ros.evaluation.protocols import Outcome
 import numpy as np
 import numpy.typing as npt
@@ -33,8 +34,10 @@ class Verdicts:
     values: Mapping[str, metrics.Values]
 
     def curve(self, criterion: str, positives: int | None = None) -> metrics.Curve:
+        """Return the curve over a criterion; it is empty if the method has no such values."""
+        matched = self.matched & (not np.isnan(self.values[criterion]).all())
         return metrics.precision_recall(
-            self.correct[self.matched], self.sure(criterion)[self.matched], positives
+            self.correct[matched], self.sure(criterion)[matched], positives
         )
 
     def of(self, chosen: npt.NDArray[np.int64]) -> 'Verdicts':
@@ -102,7 +105,7 @@ def figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]:
     return {
         'accuracy_matched': metrics.share(right, answerable),
         'accuracy_all': metrics.share(right, int(verdicts.known.sum())),
-        'auc_pr': 0.0 if area is None and verdicts.known.any() else area,
+        'auc_pr': area if right or not verdicts.known.any() else 0.0,
         'recall_at_100_precision': metrics.recall_at_full_precision(known_curve),
         'precision_at_100_recall': metrics.share(right, taken),
     }
@@ -159,7 +162,8 @@ def threshold_figures(verdicts: Verdicts, halves: Sequence[str]) -> Summary:
     greatest recall. The keys begin with `own_threshold`.
     """
     wrong = verdicts.matched & ~(verdicts.correct | verdicts.slip)
-    best: Summary = {}
+    names = 'own_threshold', 'own_threshold_by', 'own_threshold_recall', 'own_threshold_first'
+    best: Summary = dict.fromkeys(names)
     for criterion in CRITERIA:
         if np.isnan(verdicts.values[criterion]).all():
             continue
@@ -172,18 +176,41 @@ def threshold_figures(verdicts: Verdicts, halves: Sequence[str]) -> Summary:
             'own_threshold_recall': metrics.share(right, int(verdicts.known.sum())),
             'own_threshold_first': first_closures(verdicts, halves, above),
         }
-        if not best or (result['own_threshold_recall'] or 0) > (best['own_threshold_recall'] or 0):
+        if not best['own_threshold_by'] or (result['own_threshold_recall'] or 0) > (
+            best['own_threshold_recall'] or 0
+        ):
             best = result
     return best
+
+
+def ranked(outcome: Outcome) -> SequenceScores:
+    """
+    Return ranks of the references (M, R), the higher the better; -inf where there is none.
+
+    The candidates of an answer come first, in their order, then others by their sequence scores.
+    """
+    ranks = np.full(outcome.sequence_scores.shape, -np.inf)
+    for row, scores, match in zip(ranks, outcome.sequence_scores, outcome.matches, strict=True):
+        if match.candidates:
+            _, by_score = np.unique(scores, return_inverse=True)
+            np.copyto(row, by_score, where=np.isfinite(scores))
+            places = [one.reference_index for one in match.candidates]
+            row[places] = len(row) + np.arange(len(places), 0, -1)
+    return ranks
 
 
 def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> Summary:
     """Return every figure of one method on one set, with 95 % intervals of the main ones."""
     lengths = verdicts.lengths[verdicts.lengths > 0]
+    count, halves = len(outcome.query), range(0, len(verdicts.matched), len(outcome.query))
+    # The parts of a map are asked the same frames, so a frame is chosen in all of them.
     intervals = metrics.block_intervals(
-        len(verdicts.matched), lambda chosen: figures(verdicts.of(chosen), criterion)
+        count,
+        lambda chosen: figures(
+            verdicts.of(np.concatenate([chosen + first for first in halves])), criterion
+        ),
     )
-    recalls = metrics.recall_at(outcome.sequence_scores, outcome.right, RECALL_COUNTS)
+    recalls = metrics.recall_at(ranked(outcome), outcome.right, RECALL_COUNTS)
     counts = Counter(lengths.tolist())
     confidence = verdicts.values['confidence']
     rated = verdicts.matched & ~np.isnan(confidence)

@@ -46,7 +46,7 @@ def test_exports_of_several_people_are_put_in_one_table(street, capsys):
     files = sorted(folder.iterdir())
     assert [path.name for path in files] == ['street-cohog.json', 'street-hog.json']
     one = json.loads(files[0].read_text())
-    assert one['protocol_version'] == 1 and one['accuracy_all'] == 1
+    assert one['protocol_version'] == 2 and one['accuracy_all'] == 1
     assert one['images']['query'] == one['images']['reference']
     listing = ''.join(
         f'{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n'
@@ -61,8 +61,10 @@ def test_exports_of_several_people_are_put_in_one_table(street, capsys):
 @pytest.mark.parametrize(
     ('change', 'problem'),
     [
-        ({'protocol_version': 2}, 'b.json: protocol version 2, and this program has 1'),
-        ({'images': {'query': 'other'}}, 'b.json: its images of street are not those'),
+        ({'protocol_version': 1}, 'b.json: protocol version 1, and this program has 2'),
+        ({'images': {'query': 'other'}}, 'b.json: street has other images than in the files'),
+        ({'truth': 'other'}, 'b.json: street has another truth, or part of the map, than'),
+        ({'criterion': 'margin'}, 'b.json: street has another criterion than in the files'),
         ({'set': None, 'images': None}, ''),
         ({'auc_pr': 'high'}, "not an export of `convseq evaluate` ('high' is not a figure)"),
         (None, 'b.json: not an export of `convseq evaluate`'),
@@ -71,7 +73,8 @@ def test_exports_of_several_people_are_put_in_one_table(street, capsys):
 def test_figures_that_cannot_be_compared_are_refused_in_one_line(
     tmp_path, capsys, change, problem
 ):
-    own = {'set': 'street', 'method': 'a', 'protocol_version': 1, 'images': {'query': 'one'}}
+    own = {'set': 'street', 'method': 'a', 'protocol_version': 2, 'images': {'query': 'one'}}
+    own |= {'truth': 'one', 'criterion': 'score'}
     (tmp_path / 'a.json').write_text(json.dumps(own))
     (tmp_path / 'b.json').write_text('[]' if change is None else json.dumps(own | change))
     done = main(['report', str(tmp_path / 'a.json'), str(tmp_path / 'b.json')])

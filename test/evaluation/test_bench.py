@@ -44,6 +44,7 @@ def test_every_method_recognises_an_easy_street(street, quick, tmp_path):
     for one in summaries:
         assert one['accuracy_matched'] >= 0.9, one['method']
         assert KEYS <= one.keys()
+        assert one['recall_at_1'] == one['accuracy_all']
         assert one['recall_at_1'] <= one['recall_at_5'] <= one['recall_at_20']
 
 

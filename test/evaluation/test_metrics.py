@@ -2,6 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of merit and scorecards, by hand, as properties, and against scikit-learn."""
 
+from dataclasses import replace
+
+from convseq_ros.core.types import Candidate, Match, Reason
+from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.metrics import (
     average_precision,
     block_intervals,
@@ -12,11 +16,15 @@ from convseq_ros.evaluation.metrics import (
     recall_at_full_precision,
     reliability,
 )
+from convseq_ros.evaluation.protocols import Outcome
 from convseq_ros.evaluation.scorecard import (
     add_pcu,
     decisions,
     figures,
     first_closures,
+    judge,
+    ranked,
+    summarize,
     threshold_figures,
     Verdicts,
 )
@@ -166,6 +174,52 @@ def test_the_first_closure_is_counted_from_the_first_known_frame_of_a_half():
     assert first_closures(verdicts(known=np.zeros(5, bool)), [''] * 5) == {}
 
 
+def test_a_criterion_that_a_method_lacks_gives_no_curve():
+    found = figures(verdicts(), 'confidence')
+    assert found['auc_pr'] is None and found['recall_at_100_precision'] is None
+    assert len(verdicts().curve('confidence').recall) == 0
+
+
+def outcome(matches, scores, right):
+    count = len(right)
+    slip, halves = np.zeros_like(right), [''] * len(matches)
+    pairs = PairScores(np.zeros((count, 3), np.float32))
+    return Outcome('closed', matches, scores, right, slip, halves, range(count), pairs, None, [])
+
+
+def test_recall_at_1_is_that_of_the_answers_and_others_follow_by_sequence_score():
+    candidates = tuple(Candidate(index, 0, 0.5) for index in (2, 0))
+    answer = Match(0, 0, Reason.WEAK, candidates)
+    nothing = Match(1, 0, Reason.UNINFORMATIVE)
+    scores = np.array([[0.1, 0.9, 0.9, -np.inf], [0.9, 0.1, 0.1, 0.1]])
+    right = np.array([[0, 1, 0, 0], [1, 0, 0, 0]], bool)
+    ranks = ranked(outcome([answer, nothing], scores, right))
+    assert np.argsort(-ranks[0], kind='stable').tolist() == [2, 0, 1, 3]
+    assert recall_at(ranks, right, (1, 2, 3, 4)) == {1: 0, 2: 0, 3: 0.5, 4: 0.5}
+
+
+def test_intervals_take_a_frame_in_all_parts_of_the_map_at_once():
+    rng = np.random.default_rng(2)
+    right = rng.random(60) < 0.5
+    matches = [
+        Match(at, 0, Reason.WEAK, (Candidate(0 if flag else 1, 0, 0.5),))
+        for at, flag in enumerate(right)
+    ]
+    truth, scores = np.tile(np.array([1, 0, 0], bool), (60, 1)), np.zeros((60, 3))
+    once = outcome(matches, scores, truth)
+    thrice = replace(
+        once,
+        matches=matches * 3,
+        sequence_scores=np.tile(scores, (3, 1)),
+        right=np.tile(truth, (3, 1)),
+        slip=np.zeros((180, 3), bool),
+        halves=['a'] * 60 + ['b'] * 60 + ['c'] * 60,
+    )
+    one, three = (summarize(made, judge(made), 'score') for made in (once, thrice))
+    for end in ('low', 'high'):
+        assert three[f'accuracy_all_{end}'] == one[f'accuracy_all_{end}']
+
+
 def test_without_answers_there_are_no_figures():
     none = np.zeros(5, bool)
     found = figures(verdicts(known=none, correct=none, slip=none), 'score')
@@ -212,6 +266,12 @@ def test_the_threshold_accepts_the_answers_that_beat_all_wrong_ones():
     unknown = dict.fromkeys(('margin', 'confidence'), np.full(5, np.nan))
     found = threshold_figures(verdicts(values=values | unknown), [''] * 5)
     assert found['own_threshold'] == 0.85 and found['own_threshold_by'] == 'score'
+
+
+def test_without_values_there_is_no_threshold_and_no_figure_is_missing():
+    none = dict.fromkeys(('score', 'margin', 'confidence'), np.full(5, np.nan))
+    found = threshold_figures(verdicts(values=none), [''] * 5)
+    assert len(found) == 4 and set(found.values()) == {None}
 
 
 def test_without_a_wrong_answer_every_answer_is_accepted():
