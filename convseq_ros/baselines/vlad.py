@@ -36,7 +36,7 @@ def learnt_centres(images: Sequence[Rows], count: int = CENTRES) -> Rows:
     """Return `count` centres of the images' descriptors (n, d), or fewer if there are fewer."""
     rows, random = np.concatenate(images), np.random.default_rng(_SEED)
     rows = rows[random.permutation(len(rows))[:_MOST]]
-    return means(rows, rows[:count])
+    return means(rows, rows[:count] if len(rows) else np.zeros((1, rows.shape[1]), np.float32))
 
 
 def vlad(rows: Rows, centres: Rows) -> Rows:

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 import sys
 
-from convseq_ros.cli.options import add_config, chosen_config
+from convseq_ros.cli.options import add_config, chosen_config, warn
 from convseq_ros.config import EVERY_FRAME
 from convseq_ros.config.arguments import local
 from convseq_ros.errors import ConfigError
@@ -69,7 +69,7 @@ def run(chosen: argparse.Namespace) -> int:
         argv=tuple(sys.argv),
     )
     data_sets = [open_data_set(text, chosen.data_root, config.reading) for text in chosen.sets]
-    summaries = evaluate(data_sets, config, plan, chosen.output, _say)
+    summaries = evaluate(data_sets, config, plan, chosen.output, _say, warn)
     print(json.dumps(summaries) if chosen.json else format_table(summary_rows(summaries)))
     return 0
 

@@ -16,6 +16,7 @@ from convseq_ros.evaluation.method_name import MethodName, parse_method
 from convseq_ros.evaluation.methods import make_method, Method
 from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, run_protocol, VERSION
 from convseq_ros.evaluation.provenance import provenance
+from convseq_ros.evaluation.query_answers import overridden
 from convseq_ros.evaluation.scorecard import add_pcu, judge, summarize, Summary, threshold_figures
 import numpy as np
 
@@ -46,8 +47,13 @@ def evaluate(
     plan: Plan,
     output: Path,
     report: Report = lambda _: None,
+    warn: Report = lambda _: None,
 ) -> list[Summary]:
-    """Run every method on every set, write the run folder, and return the summaries."""
+    """
+    Run every method on every set, write the run folder, and return the summaries.
+
+    `report` gets a line of progress, `warn` what is wrong with images.
+    """
     names = [data_set.name for data_set in data_sets]
     for name in names:
         if names.count(name) > 1:
@@ -59,9 +65,9 @@ def evaluate(
             protocols = (ONLINE,)
         elif PAST in protocols:
             for past in data_set.past_data_sets:
-                summaries += _measure_set(past, (ONLINE,), config, plan, output, report)
+                summaries += _measure_set(past, (ONLINE,), config, plan, output, report, warn)
         protocols = tuple(protocol for protocol in protocols if protocol != PAST)
-        summaries += _measure_set(data_set, protocols, config, plan, output, report)
+        summaries += _measure_set(data_set, protocols, config, plan, output, report, warn)
     run_folder.write_summary_table(output, summaries)
     if plan.export is not None:
         run_folder.write_exports(plan.export, summaries)
@@ -78,6 +84,8 @@ def method_names(texts: Sequence[str], data_set: DataSet) -> list[MethodName]:
                     names.append(MethodName(label + suffix, 'scores', str(path), length))
         else:
             names.append(parse_method(text))
+    if not names:
+        raise ConfigError(f'{data_set.name}: has no published scores; name another method')
     labels = [name.label for name in names]
     for label in labels:
         if labels.count(label) > 1:
@@ -92,13 +100,17 @@ def _measure_set(
     plan: Plan,
     output: Path,
     report: Report,
+    warn: Report,
 ) -> list[Summary]:
     summaries: list[Summary] = []
     if not protocols:
         return summaries
+    config = overridden(config, {'mode': 'online' if data_set.online else 'preloaded'})
     methods = [make_method(name, config) for name in method_names(plan.methods, data_set)]
     report(f'{data_set.name}: reading images')
     material = open_material(data_set, config.encoding, config.reading)
+    for line in dict.fromkeys([*material.query.warnings, *material.reference.warnings]):
+        warn(line)
     base = output / data_set.name
     run_folder.write_set(base, material)
     if protocols == (OPEN,):

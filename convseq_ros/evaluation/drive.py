@@ -76,6 +76,7 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> DescribedDrive:
     stamps_ns, names, readable, descriptors = [], [], [], []
     described_ms, detected_ms = [], []
     thumbnails: list[bytes] = []
+    problems: list[str] = []
     for raw in images:
         frame = upright(raw, encoding)
         started = time.perf_counter()
@@ -89,11 +90,16 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> DescribedDrive:
             light = brightness(frame.gray)
             descriptors.append(replace(descriptor, keypoints=corners, brightness=light))
         gray = frame.gray
+        if frame.problem:
+            problems.append(frame.problem)
         thumbnails.append(b'' if gray is None else thumbnail(gray, kept.thumbnail_width_px))
         stamps_ns.append(frame.stamp_ns)
         names.append(frame.source)
         readable.append(frame.gray is not None)
     if not described_ms:
         raise SourceError(f'{images.part}: none of its {len(names)} images can be read')
+    if problems:
+        told = f'{len(problems)} of {len(names)} images cannot be read, such as {problems[0]}'
+        images.warnings.append(f'{images.part}: {told}')
     times_ms = float(np.median(described_ms)), float(np.median(detected_ms))
     return DescribedDrive(encoding, stamps_ns, names, readable, descriptors, *times_ms, thumbnails)

@@ -40,7 +40,9 @@ def read_descriptors(
 
 def _numbers_in(path: Path, reading: ReadingConfig) -> npt.NDArray[np.float32]:
     try:
-        numbers = np.asarray(read_array(path, reading), np.float32)
+        numbers = read_array(path, reading)
+        with np.errstate(over='ignore'):
+            numbers = numbers.astype(np.float32, casting='same_kind')
     except (TypeError, ValueError):
         raise SourceError(f'{path}: not a .npy file of plain numbers; save one') from None
     if not np.isfinite(numbers).all():

@@ -3,7 +3,7 @@
 """The images of a drive, and what a function makes of each."""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 import hashlib
 import json
@@ -27,6 +27,7 @@ class Images:
 
     part: Part  # location
     reading: ReadingConfig = ReadingConfig()  # size limits
+    warnings: list[str] = field(default_factory=list, compare=False)  # of the last reading
 
     @cached_property
     def sha256(self) -> str:
@@ -46,8 +47,15 @@ class Images:
 
     def __iter__(self) -> Iterator[Frame]:
         part = self.part
-        source = part.simulated or open_source(part.path, part.topic, self.reading)
-        if not part.backwards:
+        if part.simulated:
+            yield from self._in_direction(part.simulated)
+            return
+        source = open_source(part.path, part.topic, self.reading)
+        yield from self._in_direction(source)
+        self.warnings[:] = source.warnings
+
+    def _in_direction(self, source: Iterable[Frame]) -> Iterator[Frame]:
+        if not self.part.backwards:
             yield from source
             return
         frames = list(source)

@@ -13,7 +13,7 @@ from convseq_ros.errors import ConfigError
 
 Number = TypeVar('Number', int, float)
 _PATTERN = re.compile(
-    r'(?:(?P<label>[\w.-]+)=)?(?P<kind>[a-z]+(?:-[a-z]+)?)(?:-k(?P<length>[0-9]+))?'
+    r'(?:(?P<label>\w[\w.-]*)=)?(?P<kind>[a-z]+(?:-[a-z]+)?)(?:-k(?P<length>[0-9]+))?'
     r'(?::(?P<argument>.+?))?(?:@(?P<sequence>dynamic|single|k[0-9]+))?'
     r'(?P<options>(?:\+\w+=[^+]+)*)'
 )

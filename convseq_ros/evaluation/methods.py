@@ -55,6 +55,7 @@ class Kind:
     settings: Mapping[str, Value] = field(default_factory=dict)  # required core parameters
     options: tuple[str, ...] = ()  # options of the method
     argument: str = ''  # text after the colon; empty if there is none
+    takes_length: bool = True  # whether another k makes sense
     recognizer: bool = False  # whether the online recogniser decides
     after: After | None = None  # as in `recognize`
     needs: tuple[str, str] = ('', '')  # a module, and the package that pip installs for it
@@ -97,7 +98,10 @@ def make_method(name: MethodName, config: Config) -> Method:
     if bool(kind.argument) != bool(name.argument):
         expected = f'{name.kind}:{kind.argument}' if kind.argument else name.kind
         raise ConfigError(f'method {name.label}: expected {expected}')
-    core = {item.name: item for item in core_parameters()}
+    if not kind.takes_length and name.length not in (None, kind.length):
+        raise ConfigError(f'method {name.label}: {name.kind} takes no k; leave it out')
+    # The set says whether the map grows.
+    core = {item.name: item for item in core_parameters() if item.name != 'mode'}
     known = [*kind.options, *core]
     refuse_unknown(name.options, known, f'method {name.label}: unknown option')
     values = {
@@ -219,18 +223,20 @@ def _by_cosine(query: Vectors, reference: Vectors, encode_ms: float | None = Non
 
 _OURS: Mapping[str, Value] = {'matching': 'coherent', 'search': 'exhaustive'}
 _baseline = partial(Kind, settings=_GIVEN)
+_single = partial(Kind, _core, 1, _OURS, takes_length=False, recognizer=True)
+_peer_of = partial(_baseline, takes_length=False)
 
 KINDS: Mapping[str, Kind] = {
     'convseq': Kind(_core, None, recognizer=True),
-    'single': Kind(_core, 1, _OURS, recognizer=True, after=alone),
-    'verified': Kind(_core, 1, _OURS, recognizer=True, after=verified),
+    'single': _single(after=alone),
+    'verified': _single(after=verified),
     'paper': Kind(_core, None, PAPER, recognizer=True),
     'cohog': Kind(_core, 1, PAPER, recognizer=True),
     'seqslam': _baseline(_seqslam, seqslam.LENGTH),
     'hog': _baseline(_hog, needs=('skimage', 'scikit-image')),
-    'orb-bow': _baseline(_peer, options=peers.OPTIONS + peers.TREE_OPTIONS),
-    'sift-vlad': _baseline(_peer, options=peers.OPTIONS),
-    'hbst': _baseline(_hbst, options=('rows',), needs=('pyhbst', 'pyhbst')),
+    'orb-bow': _peer_of(_peer, options=peers.OPTIONS + peers.TREE_OPTIONS),
+    'sift-vlad': _peer_of(_peer, options=peers.OPTIONS),
+    'hbst': _peer_of(_hbst, options=('rows',), needs=('pyhbst', 'pyhbst')),
     'scores': _baseline(_given_scores, argument='FILE.npy', options=('lower_is_better',)),
     'descriptors': _baseline(_given_descriptors, argument='QUERY.npy,REFERENCE.npy'),
     'onnx': _baseline(_onnx, argument='MODEL.onnx', options=('size', 'mean', 'scale', 'color')),

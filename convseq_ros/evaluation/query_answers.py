@@ -86,8 +86,8 @@ def recognize(
     these references, and the cached descriptors are used. The answers are the same. `after`
     changes the answer to each frame, or what is remembered of it.
     """
-    if material.data_set.online:
-        config = overridden(config, {'mode': 'online'})
+    online = material.data_set.online
+    config = overridden(config, {'mode': 'online' if online else 'preloaded'})
     model = open_model(config)
     query, reference = material.drives(config.encoding)
     reference_map = reference.reference_map
@@ -98,7 +98,13 @@ def recognize(
         reference_map = part_of(reference_map, *span)
     recognizer = PlaceRecognizer(reference_map, config, describe=model)
     recognizer.matcher.warm_up()
-    number = {stamp_ns: index for index, stamp_ns in enumerate(reference.stamps_ns)}
+    # A map that grows holds the first frame of each time; any other holds all of the span.
+    by_time = {stamp_ns: at for at, stamp_ns in reversed([*enumerate(reference.stamps_ns)])}
+    first = span[0] if span else 0
+
+    def number(index: int, stamp_ns: int) -> int:
+        return by_time[stamp_ns] if online else first + index
+
     images = material.query.in_color if model and model.wants_color else material.query
     frames: Iterable[tuple[types.Frame, types.Descriptor | None]] = ((img, None) for img in images)
     if span:
@@ -112,9 +118,11 @@ def recognize(
         durations.append((time.perf_counter() - started) * 1e3)
         newest = None if match.reason is types.Reason.OUT_OF_ORDER else recognizer.pair_scores
         if newest is not None:
-            usable = reference_map.places[: len(newest)]
-            row[[number[place.stamp_ns] for place in usable]] = newest
-        matches.append(renumbered(match, lambda best: number[best.reference_stamp_ns]))
+            usable = enumerate(reference_map.places[: len(newest)])
+            row[[number(index, place.stamp_ns) for index, place in usable]] = newest
+        matches.append(
+            renumbered(match, lambda best: number(best.reference_index, best.reference_stamp_ns))
+        )
     return QueryAnswers(matches, durations, rows)
 
 

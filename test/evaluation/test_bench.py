@@ -178,14 +178,51 @@ def test_the_score_matrices_of_a_set_are_shown_single_frame_and_in_sequence(
         (('convseq+max_lenth=3',), "unknown option 'max_lenth'; did you mean max_length?"),
         (('convseq+exclusion_s=3',), "^parameter 'exclusion_s' is gone: "),
         (('convseq+fixed_length=many',), 'fixed_length: expected int'),
+        (('convseq+mode=online',), "unknown option 'mode'"),
+        (('orb-bow-k3',), 'method orb-bow-k3: orb-bow takes no k'),
+        (('single@dynamic',), 'method single-dynamic: single takes no k'),
         (('scores:absent.npy',), r'absent.npy: No such file'),
+        (('published',), 'street: has no published scores; name another method'),
         (('!',), "method '!'"),
+        (('..=cohog',), "method '..=cohog'"),
     ],
 )
 def test_an_invalid_method_is_refused_in_one_line(street, quick, tmp_path, methods, problem):
     with pytest.raises(ConvseqError, match=problem) as caught:
         run(street, quick, tmp_path / 'out', *methods)
     assert '\n' not in str(caught.value)
+
+
+def test_the_set_says_whether_the_map_grows_and_not_the_parameters_of_a_robot(
+    street, quick, tmp_path
+):
+    robot = overridden(quick, {'mode': 'online'})
+    (one,) = run(street, robot, tmp_path / 'out', 'convseq')
+    assert one['accuracy_all'] >= 0.9 and one['configuration']['mode'] == 'preloaded'
+
+
+def test_images_that_cannot_be_read_are_told(street, quick, tmp_path):
+    (street.folder / 'query' / '003.png').write_bytes(b'torn')
+    warnings = []
+    sets = [open_data_set(str(street.file))]
+    evaluate(sets, quick, Plan(methods=('cohog',)), tmp_path / 'out', warn=warnings.append)
+    (line,) = warnings
+    assert 'query: 1 of 24 images cannot be read, such as' in line and '003.png' in line
+
+
+def test_references_of_one_time_keep_their_numbers(street, quick, tmp_path):
+    for index in range(24):
+        image = street.folder / 'reference' / f'{index:03d}.png'
+        image.rename(image.with_name(f'{"lr"[index % 2]}_{1305031100 + index // 2}.0.png'))
+    for one in run(street, quick, tmp_path / 'out', 'convseq', 'cohog'):
+        assert one['accuracy_all'] >= 0.9
+
+
+def test_a_map_without_keypoints_gives_nothing(street, quick, tmp_path):
+    for image in (street.folder / 'reference').iterdir():
+        assert cv2.imwrite(str(image), np.zeros((128, 128), np.uint8))
+    for one in run(street, quick, tmp_path / 'out', 'orb-bow', 'sift-vlad'):
+        assert one['matched'] == 0
 
 
 def test_two_sets_of_one_name_are_refused(street, quick, tmp_path):
@@ -210,6 +247,9 @@ def test_distances_can_be_given_instead_of_scores(accuracy, tmp_path):
     np.save(tmp_path / 'net.npy', 1 - np.eye(24))
     assert accuracy(f'scores:{tmp_path}/net.npy') < 0.2
     assert accuracy(f'scores:{tmp_path}/net.npy+lower_is_better=true') == 1
+    np.save(tmp_path / 'complex.npy', np.eye(24, dtype=complex))
+    with pytest.raises(ConvseqError, match=r'complex.npy: not a .npy file of plain numbers'):
+        accuracy(f'scores:{tmp_path}/complex.npy')
     with pytest.raises(ConvseqError, match="lower_is_better is true or false, not 'yes'"):
         accuracy(f'scores:{tmp_path}/net.npy+lower_is_better=yes')
 
