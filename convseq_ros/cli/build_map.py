@@ -130,8 +130,8 @@ def run(chosen: argparse.Namespace) -> int:
         print(json.dumps(asdict(built)))
     else:
         say(
-            f'{built.map}: {built.references} references, {built.with_pose} with a pose, '
-            f'{built.bytes / 1e6:.1f} MB; {built.added} added from {built.frames} frames '
+            f'{built.map}: {built.references} references, {built.bytes / 1e6:.1f} MB; '
+            f'{built.added} added, {built.with_pose} with a pose, from {built.frames} frames '
             f'at {built.frames / max(built.seconds, 1e-9):.0f} frames/s'
         )
         if built.frames >= _MANY and built.added < _FEW:

@@ -146,7 +146,8 @@ def decoded(data: Any, flags: int, reading: ReadingConfig) -> npt.NDArray[Any]:
             pixels = cv2.imdecode(encoded, flags)
     if pixels is None:
         raise ImageError(
-            f'data: {encoded.size} bytes cannot be decoded; expected a whole JPEG or PNG'
+            f'data: {encoded.size} bytes cannot be decoded; expected a whole picture of 8 or 16 '
+            'bits, such as JPEG or PNG'
         )
     return np.asarray(pixels)
 

@@ -43,7 +43,7 @@ def test_the_line_to_paste_builds_a_map_with_poses(drive, capsys, tmp_path, monk
     assert main(['info', str(drive)]) == 0
     (line,) = re.findall(r'^  convseq (build-map .*)$', capsys.readouterr().out, re.MULTILINE)
     assert main(shlex.split(line)) == 0
-    assert '12 references, 12 with a pose' in capsys.readouterr().out
+    assert '12 added, 12 with a pose, from' in capsys.readouterr().out
     assert main(['info', 'map.db', '--json']) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (len(facts['sessions']), facts['path_m']) == (1, pytest.approx(11.0, abs=0.1))
