@@ -18,17 +18,11 @@ class Counters:
     unreadable: int = 0  # frames that could not be decoded
     failed: int = 0  # frames that got no answer because of an error
     write_failures: int = 0  # times that new places could not be written to the map file
-    # Monotonic time of the last message, or of the start.
-    last_arrival_ns: int = field(default_factory=time.monotonic_ns)
     last_match: Match | None = None
     latency_ms: float = 0.0  # of the last frame, from its arrival to its answer
     duration_ms: float = 0.0  # of the last frame, without waiting
     busy_ms: float = 0.0  # the work on all frames together
     reasons: Counter[str] = field(default_factory=Counter)
-
-    def arrived(self, arrival_ns: int) -> None:
-        self.received += 1
-        self.last_arrival_ns = arrival_ns
 
     def answered(self, match: Match, arrival_ns: int, duration_ms: float) -> None:
         self.processed += 1

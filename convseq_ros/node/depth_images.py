@@ -25,9 +25,18 @@ class DepthImages:
         self._once, self._reading = Once(node.get_logger()), reading
         self._newest = deque[tuple[int, RawMessage]](maxlen=KEPT)
         self.waiting = Waiting(wait_s)
-        self._topic = topic
+        self.topic, self._subscription = topic, None
         if topic:
-            FollowingSubscription(node, Image, topic, self._on_depth, KEPT, raw=True)
+            self._subscription = FollowingSubscription(
+                node, Image, topic, self._on_depth, KEPT, raw=True
+            )
+
+    @property
+    def silence(self) -> str:
+        """Why no depth images come; empty if they do, or need not."""
+        silent_s = self._subscription.silent_s if self._subscription else 0.0
+        stopped = f'no depth images on {self.topic} for {silent_s:.0f} s'
+        return f'{stopped}; look at their driver, or at depth_topic' if silent_s else ''
 
     def configure(self, wait_s: float, reading: ReadingConfig) -> None:
         """Use another time to wait, and other limits of what is read, from now on."""
@@ -48,7 +57,7 @@ class DepthImages:
             return decode_depth(message.image(), self._reading)
         except ImageError as error:
             self.unreadable += 1
-            self._once.warn(f'{self._topic}: {one_line(error)}; its frame has no depth')
+            self._once.warn(f'{self.topic}: {one_line(error)}; its frame has no depth')
             return None
 
     def _on_depth(self, cdr: bytes) -> None:

@@ -13,8 +13,6 @@ from convseq_ros.node.situation import Situation
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
-_SILENCE_S = 3.0
-
 
 @dataclass(eq=False)
 class Diagnostics:
@@ -23,7 +21,6 @@ class Diagnostics:
     node: Node
     counters: Counters
     situation: Callable[[], Situation]  # returns the node's state
-    advice: Callable[[], str]  # returns why no images may arrive
     period_s: float
 
     def __post_init__(self) -> None:
@@ -61,7 +58,10 @@ class Diagnostics:
     def _state(self, situation: Situation, dropped_now: int) -> tuple[bytes, str]:
         if not situation.ready:
             return DiagnosticStatus.OK, 'warming up'
-        silence = self._told_once('images', self._silence(situation))
+        silences = [
+            self._told_once(topic, silence if situation.enabled else '')
+            for topic, silence in situation.silences().items()
+        ]
         if not situation.map_size and not situation.pipeline.is_growing:
             return DiagnosticStatus.ERROR, (
                 f'no map; call {self.node.get_fully_qualified_name()}/load_map or set map_path'
@@ -74,10 +74,8 @@ class Diagnostics:
             return DiagnosticStatus.ERROR, (
                 f'{situation.pipeline.path}: new places cannot be written; see the log'
             )
-        if silence:
+        if silence := '; '.join(filter(None, silences)):
             return DiagnosticStatus.WARN, silence
-        if stopped := self._told_once('odometry', situation.odometry_silence):
-            return DiagnosticStatus.WARN, stopped
         if self._has_twin():
             return DiagnosticStatus.WARN, (
                 f'another node is named {self.node.get_fully_qualified_name()}; end it, or '
@@ -97,7 +95,7 @@ class Diagnostics:
             )
         if problem := situation.pipeline.recognizer.reference_map.unreadable_why:
             return DiagnosticStatus.WARN, f'{problem}; its poses are less exact'
-        if situation.pipeline.keyframes_m and not situation.odometry_heard:
+        if situation.pipeline.keyframes_m and not situation.odometry_comes:
             return DiagnosticStatus.WARN, (
                 f'the map has a place every {situation.pipeline.keyframes_m:g} m, but there is no '
                 'odometry to match frames as often; remap it: -r odom:=TOPIC'
@@ -114,18 +112,6 @@ class Diagnostics:
         """Return whether new places cannot be written to this map, or to the one before it."""
         before, self._write_failures = self._write_failures, self.counters.write_failures
         return self._write_failures > before or situation.pipeline.autosave.is_failing
-
-    def _silence(self, situation: Situation) -> str:
-        """Return why no images arrive; empty if they do."""
-        silent_s = (time.monotonic_ns() - self.counters.last_arrival_ns) / 1e9
-        if silent_s < _SILENCE_S or not situation.enabled:
-            return ''
-        if self.counters.received:
-            return (
-                f'the camera stopped: no images on {situation.topic} for {silent_s:.0f} s; look '
-                'at its driver'
-            )
-        return f'no images for {silent_s:.0f} s: {self.advice()}'
 
     def _told_once(self, name: str, problem: str) -> str:
         """Return the problem of a stream, and log it when that begins."""
@@ -163,7 +149,7 @@ def _values(counters: Counters, situation: Situation) -> dict[str, object]:
         'map_path': pipeline.path or '',
         'map_size': situation.map_size,
         'kept_images_unreadable': pipeline.recognizer.reference_map.unreadable,
-        'odom': situation.odometry_heard and not situation.odometry_silence,
+        'odom': situation.odometry_comes,
         **situation.further,
     }
     if pipeline.is_growing:

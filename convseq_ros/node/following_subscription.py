@@ -5,6 +5,7 @@
 from collections.abc import Callable
 from functools import partial
 from threading import RLock
+import time
 from typing import Any
 
 from convseq_ros.node.listener import ListeningNode
@@ -16,6 +17,8 @@ from rclpy.event_handler import (
 )
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 
+_SILENCE_S = 3.0
+
 
 class FollowingSubscription:
     """
@@ -24,7 +27,8 @@ class FollowingSubscription:
     `on_message` receives each message, or its bytes if `raw`, in the listener's thread; `depth`
     messages may wait. If `latched`, it also receives what publishers that keep their last messages
     sent before. `lost` counts lost messages since the first one: as the middleware reports them
-    or, with a single publisher, by gaps in the sequence numbers.
+    or, with a single publisher, by gaps in the sequence numbers. `heard` is whether one came since
+    the start, which is also when another topic is taken.
     """
 
     def __init__(
@@ -47,7 +51,7 @@ class FollowingSubscription:
             self.start()
 
     def start(self) -> None:
-        self._last = 0
+        self._last, self.heard, self._arrived_s = 0, False, time.monotonic()
         self._subscribe()
 
     def stop(self) -> None:
@@ -55,6 +59,12 @@ class FollowingSubscription:
             if self._subscription:
                 self._node.destroy_subscription(self._subscription)
             self._subscription = None
+
+    @property
+    def silent_s(self) -> float:
+        """How long nothing has come, if it is so long that something is wrong; else 0."""
+        silent_s = time.monotonic() - self._arrived_s if self._subscription else 0.0
+        return silent_s if silent_s >= _SILENCE_S else 0.0
 
     @property
     def lost(self) -> int:
@@ -136,4 +146,5 @@ class FollowingSubscription:
             self._last = number
             if 0 < before < number - 1 and self._node.count_publishers(self.topic) == 1:
                 self._missing += number - 1 - before
+            self.heard, self._arrived_s = True, time.monotonic()
             self._on_message(message)

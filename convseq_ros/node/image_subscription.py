@@ -18,6 +18,7 @@ from sensor_msgs.msg import CompressedImage, Image
 QUEUE_BYTES = 256_000_000  # of waiting images; the middleware may hold as much again
 _FEWEST = 2  # images that the middleware may always hold: the next one arrives while one is taken
 _PERIOD_S = 1.0
+_REMAPPED = 'image'  # topic of a single camera
 
 
 class ImageSubscription(FollowingSubscription):
@@ -32,9 +33,10 @@ class ImageSubscription(FollowingSubscription):
         node: ListeningNode,
         depth: int,
         on_image: Callable[[RawMessage, str], None],
-        topic: str = 'image',
+        topic: str = _REMAPPED,
     ) -> None:
         self._on_image, self._is_stopped_to_change = on_image, False
+        self._is_named = topic != _REMAPPED  # by image_topics
         super().__init__(node, Image, topic, self._on_bytes, depth, starts=False, raw=True)
         self._timer = steady_timer(node, _PERIOD_S, self._follow_type)
 
@@ -70,6 +72,15 @@ class ImageSubscription(FollowingSubscription):
         self.hold_at_most(max(_FEWEST, QUEUE_BYTES // max(1, len(cdr))))
         self._on_image(RawMessage(0, type_name(self.kind), cdr), self.topic)
 
+    def silence(self, cameras: Callable[[], Sequence[str]]) -> str:
+        """Return why no images come; empty if they do."""
+        if not (silent_s := self.silent_s):
+            return ''
+        if self.heard:
+            stopped = f'the camera stopped: no images on {self.topic} for {silent_s:.0f} s'
+            return f'{stopped}; look at its driver'
+        return f'no images for {silent_s:.0f} s: {self.advice(cameras())}'
+
     def advice(self, cameras: Sequence[str] = ()) -> str:
         """Return in one line why no images may arrive, and what to do; cameras' topics help."""
         publishers = self._node.get_publishers_info_by_topic(self.topic)
@@ -78,9 +89,12 @@ class ImageSubscription(FollowingSubscription):
             return f'{self.topic} has {len(types)} publisher(s), but none sends'
         if types:
             return (
-                f'{self.topic} carries {", ".join(sorted(set(types)))}; remap `image` to a topic '
+                f'{self.topic} carries {", ".join(sorted(set(types)))}; '
+                f'{"let image_topics name" if self._is_named else "remap `image` to"} a topic '
                 f'of {type_name(Image)} or {type_name(CompressedImage)}'
             )
+        if self._is_named:
+            return f'{self.topic} has no publisher; look at its driver, or at image_topics'
         names = ' or '.join(f'-r image:={topic}' for topic in cameras) or '-r image:=TOPIC'
         return f'{self.topic} has no publisher; remap it to the topic of the camera: {names}'
 
@@ -89,7 +103,7 @@ def image_subscriptions(
     node: ListeningNode, config: NodeConfig, on_image: Callable[[RawMessage, str], None]
 ) -> list[ImageSubscription]:
     """Return one for each of `image_topics`, or one for `image`; ConfigError for repeated ones."""
-    names = config.image_topics.split() or ['image']
+    names = config.image_topics.split() or [_REMAPPED]
     made = [ImageSubscription(node, config.queue_size, on_image, name) for name in names]
     for topic, count in Counter(subscription.topic for subscription in made).items():
         if count > 1:  # the map would get no places

@@ -3,7 +3,6 @@
 """The pose of the robot at the time of an image, by odometry."""
 
 from collections.abc import Callable
-import time
 from typing import Any
 
 from convseq_ros.core.types import Pose
@@ -17,7 +16,6 @@ from nav_msgs.msg import Odometry as OdometryMessage
 _DEPTH = 200  # messages of odometry that may wait
 _KEPT = 20_000
 _LOST_FRAMES = 20
-_SILENCE_S = 3.0
 
 
 class OdometryListener:
@@ -34,7 +32,7 @@ class OdometryListener:
         self.on_pose: Callable[[int, str], None] = lambda _stamp_ns, _frame_id: None
         self._node = node
         self._track = PoseTrack(kept=_KEPT)
-        self._lost_in_a_row, self._arrived_s = 0, 0.0
+        self._lost_in_a_row = 0
         self.waiting = Waiting(wait_s)
         self._subscription = FollowingSubscription(
             node, OdometryMessage, 'odom', self._on_odometry, _DEPTH
@@ -49,7 +47,7 @@ class OdometryListener:
     def pose_at(self, stamp_ns: int) -> Pose | None:
         """Return the pose at a time, for which this may wait; None if there is none."""
         with self.waiting.changed:
-            if self.heard or self._node.count_publishers(self._subscription.topic):
+            if self.heard or self._node.count_publishers(self.topic):
                 self.waiting.wait_until(lambda: self._has_reached(stamp_ns))
             pose = self._track.at(stamp_ns)
             self._lost_in_a_row = 0 if pose else self._lost_in_a_row + 1
@@ -59,12 +57,16 @@ class OdometryListener:
             if self._lost_in_a_row >= _LOST_FRAMES:
                 ahead_s = (last_ns - stamp_ns) / 1e9
                 self._node.get_logger().warning(
-                    f'{self._subscription.topic}: has no pose at the time of the images; its '
+                    f'{self.topic}: has no pose at the time of the images; its '
                     f'newest stamp is {abs(ahead_s):.1f} s {"later" if ahead_s > 0 else "earlier"}'
                     '; check that it comes and that both clocks agree',
                     once=True,
                 )
         return pose
+
+    @property
+    def topic(self) -> str:
+        return self._subscription.topic
 
     @property
     def heard(self) -> bool:
@@ -73,11 +75,9 @@ class OdometryListener:
     @property
     def silence(self) -> str:
         """Why there is no odometry any more; empty if it comes, or never came."""
-        silent_s = time.monotonic() - self._arrived_s
-        if not self.heard or silent_s < _SILENCE_S:
-            return ''
-        topic = self._subscription.topic
-        return f'odometry stopped: nothing on {topic} for {silent_s:.0f} s; look at its publisher'
+        silent_s = self._subscription.silent_s if self.heard else 0.0
+        stopped = f'odometry stopped: nothing on {self.topic} for {silent_s:.0f} s'
+        return f'{stopped}; look at its publisher' if silent_s else ''
 
     def _has_reached(self, stamp_ns: int) -> bool:
         """Return whether there is nothing more to wait for."""
@@ -89,7 +89,7 @@ class OdometryListener:
         pose = pose_from_message(message.pose.pose)
         if not stamp_ns or pose is None:
             self._node.get_logger().warning(
-                f'{self._subscription.topic}: odometry without a stamp, or with values that are '
+                f'{self.topic}: odometry without a stamp, or with values that are '
                 'not a pose, is left out',
                 once=True,
             )
@@ -97,9 +97,8 @@ class OdometryListener:
         with self.waiting.changed:
             self.frame_id = message.header.frame_id
             self._track.add(stamp_ns, pose)
-            self._arrived_s, problem = time.monotonic(), self._track.problem
+            problem = self._track.problem
             self.waiting.notify()
         if problem:
-            topic = self._subscription.topic
-            self._node.get_logger().warning(f'{topic}: {problem}', once=True)
+            self._node.get_logger().warning(f'{self.topic}: {problem}', once=True)
         self.on_pose(stamp_ns, message.header.frame_id)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The state of the node, besides its counters."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from convseq_ros.core.pipeline import Pipeline
@@ -17,8 +17,8 @@ class Situation:
     pipeline: Pipeline  # the map in use and its file
     topic: str  # of the camera
     dropped: int  # frames pushed out of the queue
-    odometry_heard: bool
-    odometry_silence: str  # why no odometry comes any more, if it came before
+    odometry_comes: bool
+    silences: Callable[[], Mapping[str, str]]  # why nothing comes on a topic; empty if it does
     further: Mapping[str, int | bool | float]  # other values on /diagnostics, by name
     transform_problem: str = ''  # why map -> odom is not broadcast, although it is wanted
     model_problem: str = ''  # why the map's descriptor_model is not used, if it failed

@@ -139,7 +139,7 @@ class VprNode(ManagedNode):
             self._transform = MeasuredTransform(self, config, self._frame_context.odometry)
         self._localization = LocalizationTopics(self, config, self._situation, self._advice)
         self._diagnostics = Diagnostics(
-            self, self._counters, self._situation, self._advice, config.diagnostics_period_s
+            self, self._counters, self._situation, config.diagnostics_period_s
         )
         self._progress = ProgressLog(
             self, self._counters, lambda: {**self._worker.drops, 'middleware': self._lost()}
@@ -240,7 +240,7 @@ class VprNode(ManagedNode):
 
     def _on_image(self, message: RawMessage, topic: str) -> None:
         arrival_ns = time.monotonic_ns()
-        self._counters.arrived(arrival_ns)
+        self._counters.received += 1
         if not self._enabled:
             return
         stamp_ns = self._stamps.of(message, arrival_ns, topic)
@@ -294,6 +294,11 @@ class VprNode(ManagedNode):
         cameras = self._finder.cameras()
         return '; '.join(images.advice(cameras) for images in self._images)
 
+    def _silences(self) -> dict[str, str]:
+        sides = self._frame_context.odometry, self._frame_context.depth
+        of_images = {it.topic: it.silence(self._finder.cameras) for it in self._images}
+        return of_images | {side.topic: side.silence for side in sides}
+
     def _situation(self) -> Situation:
         pipeline, odometry = self._recognition.pipeline, self._frame_context.odometry
         return Situation(
@@ -302,8 +307,8 @@ class VprNode(ManagedNode):
             pipeline=pipeline,
             topic=self._topic,
             dropped=self._worker.dropped,
-            odometry_heard=odometry.heard,
-            odometry_silence=odometry.silence,
+            odometry_comes=odometry.heard and not odometry.silence,
+            silences=self._silences,
             further={
                 'queue': self._worker.waiting,
                 'lost_by_middleware': self._lost(),

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The state on /diagnostics names what is wrong and what to do."""
 
+from itertools import count
+
 from convseq_ros.config import KeyframeConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.node import diagnostics as module
+from convseq_ros.node import following_subscription
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 import pytest
@@ -19,7 +21,7 @@ PERIOD = {'diagnostics_period_s': 0.1}
 @pytest.fixture
 def impatient(monkeypatch):
     """Have the node miss images sooner."""
-    monkeypatch.setattr(module, '_SILENCE_S', 0.2)
+    monkeypatch.setattr(following_subscription, '_SILENCE_S', 0.2)
 
 
 def status_with(client, text):
@@ -67,10 +69,7 @@ def test_keyframes_by_odometry_without_odometry_are_a_warning(
     client.wait_for(told)
 
 
-def test_odometry_that_stops_is_a_warning(
-    client, vpr, map_path, street, image, monkeypatch, capfd
-):
-    monkeypatch.setattr('convseq_ros.node.odometry_listener._SILENCE_S', 0.2)
+def test_odometry_that_stops_is_a_warning(client, vpr, map_path, street, image, impatient, capfd):
     vpr(map_path=map_path, **PERIOD)
     message = Odometry()
     message.header.stamp.sec, message.pose.pose.orientation.w = 1, 1.0
@@ -122,6 +121,29 @@ def test_missing_images_are_a_warning_that_is_logged_once(
     heard = client.listen(DiagnosticArray, '/diagnostics')
     client.wait_for(lambda: len(heard) >= 5 and 'no images for' in heard[-1].status[0].message)
     assert capfd.readouterr().err.count('no images for') == 1
+
+
+def test_a_camera_and_depth_that_never_come_are_a_warning_beside_a_camera_that_does(
+    client, vpr, map_path, impatient, street, image, capfd
+):
+    topics = {'image_topics': '/front /rear', 'depth_topic': '/depth'}
+    vpr(map_path=map_path, **topics, **PERIOD)
+    camera = client.camera(Image, '/front')
+    heard = client.listen(DiagnosticArray, '/diagnostics')
+    stamps = count(1)
+
+    def told():
+        camera.publish(image(street[0], next(stamps) * SECOND))
+        text = heard[-1].status[0].message if heard else ''
+        is_told = (
+            text.startswith('no images for')
+            and '/rear has no publisher; look at its driver' in text
+        )
+        return is_told and '; no depth images on /depth for' in text and '/front' not in text
+
+    client.wait_for(told)
+    log = capfd.readouterr().err
+    assert log.count('/rear has no publisher') == log.count('no depth images on /depth') == 1
 
 
 def test_a_camera_is_reported_once_each_time_that_it_stops(
