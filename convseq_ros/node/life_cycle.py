@@ -80,9 +80,10 @@ class ManagedNode(LifecycleNodeMixin, ListeningNode):
         except RuntimeError:
             machine: Any = self._state_machine
             ways = [f'{label} ({at})' for at, label, *_ in machine.available_transitions]
+            remedy = f'call {" or ".join(ways)}' if ways else 'end it and start it again'
             self.get_logger().warning(
                 f'transition {number} is not possible: the node is {machine.current_state[1]}; '
-                f'call {" or ".join(ways)}'
+                f'{remedy}'
             )
             return _REFUSED
 

@@ -131,13 +131,15 @@ def test_an_impossible_transition_is_refused_and_the_state_stays(client, managed
 
 
 def test_an_inactive_node_answers_services_and_reports_that_it_is_inactive(
-    client, managed, map_path
+    client, managed, map_path, capfd
 ):
     _, change, state = managed(map_path=map_path)
     assert change(CONFIGURE)
     answer = client.call(Trigger, '/vpr_node/localize')
     assert not answer.success and 'activate' in answer.message
     assert change(Transition.TRANSITION_INACTIVE_SHUTDOWN) and state() == FINALIZED
+    assert not change(CONFIGURE)
+    assert 'the node is finalized; end it and start it again' in capfd.readouterr().err
 
 
 def test_an_unexpected_error_while_configuring_releases_the_map(managed, tmp_path, monkeypatch):
