@@ -3,7 +3,7 @@
 """A data set: a query, a reference and the ground truth, read from a small YAML file."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
 import re
@@ -16,7 +16,13 @@ from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 
 READY_MADE = Path(__file__).resolve().parents[1] / 'data_sets'
-TRUTH_KINDS = ('identity', 'table', 'poses', 'none')
+# Kinds of truth, with the fields that each uses.
+TRUTH_KINDS = {
+    'identity': ('tolerance',),
+    'table': ('path', 'tolerance', 'first_index'),
+    'poses': ('path', 'radius_m'),
+    'none': (),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +60,7 @@ class Part:
 
     def __post_init__(self) -> None:
         if (self.path != Path()) == (self.simulated is not None):
-            raise ConfigError('has no path; add the path of its images, or simulated')
+            raise ConfigError('needs the path of its images, or simulated, and not both')
         if len(self.topic.split()) > 1:
             raise ConfigError(
                 f'topic: {self.topic!r} names several cameras, and a data set has one; make a set '
@@ -78,6 +84,10 @@ class TruthSource:
     def __post_init__(self) -> None:
         if self.kind not in TRUTH_KINDS:
             raise ConfigError(f'kind {self.kind!r} is not one of {", ".join(TRUTH_KINDS)}')
+        for item in fields(self)[1:]:
+            used = item.name in TRUTH_KINDS[self.kind]
+            if not used and getattr(self, item.name) != item.default:
+                raise ConfigError(f'{self.kind} has no {item.name}; leave it out')
         if min(self.tolerance, self.radius_m, self.first_index) < 0:
             raise ConfigError('tolerance, radius_m and first_index must not be negative')
         if self.kind == 'table' and self.path is None:
@@ -101,8 +111,9 @@ class DataSet:
     source: str = ''  # origin of the images
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(r'[\w.-]+', self.name) or self.name.startswith('.'):
-            raise ConfigError(f'name {self.name!r} is no folder name; use letters, digits, . _ -')
+        for name in (self.name, *self.published):
+            if not re.fullmatch(r'\w[\w.-]*', name):
+                raise ConfigError(f'name {name!r} is no folder name; use letters, digits, . _ -')
         if self.online and self.truth.kind == 'identity':
             raise ConfigError(
                 'truth identity needs a reference; against its own past every frame would be its '

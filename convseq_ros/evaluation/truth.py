@@ -68,8 +68,8 @@ def from_pairs(pairs: Numbers, shape: tuple[int, int], tolerance: int, where: st
 
 def within_radius(queries: Metres, references: Metres, radius_m: float) -> Truth:
     """Return the truth of positions (Q, 3) and (R, 3) in metres; NaN is never right."""
-    distance = np.linalg.norm(queries[:, None] - references[None], axis=2)
-    return Truth(distance <= radius_m)
+    right = [np.linalg.norm(query - references, axis=1) <= radius_m for query in queries]
+    return Truth(np.array(right, np.bool_).reshape(len(queries), len(references)))
 
 
 def past_only(truth: Truth, exclude_recent: int) -> Truth:

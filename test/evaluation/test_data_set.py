@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Data sets as YAML, and which of their references are right; what is refused in one line."""
 
+import tracemalloc
+
 from convseq_ros.config import EncodingConfig
 from convseq_ros.errors import ConfigError, ConvseqError, SourceError
 from convseq_ros.evaluation.data_set import open_data_set, ready_made
@@ -54,7 +56,7 @@ def yaml(**changes):
     [
         (yaml(truth=''), 'says no truth'),
         (yaml(query=''), 'says no query'),
-        (yaml(query='{topic: /a}'), 'query: has no path'),
+        (yaml(query='{topic: /a}'), 'query: needs the path of its images, or simu'),
         (yaml(query='query'), 'query is not a list'),
         (yaml(query='{path: query, topic: /a /b}'), "'/a /b' names several cameras"),
         (yaml(truht='{}'), "unknown key 'truht'; did you mean truth"),
@@ -67,7 +69,10 @@ def yaml(**changes):
         ),
         (yaml(truth='{kind: identity, tolerance: two}'), "tolerance: 'two' is not a number"),
         (yaml(reference=''), 'truth identity needs a reference'),
+        (yaml(truth='{kind: poses, radius_m: 1, tolerance: 2}'), 'poses has no tolerance; leave'),
+        (yaml(truth='{kind: identity, path: a.csv}'), 'truth: identity has no path; leave it out'),
         (yaml(name='a/b'), "name 'a/b' is no folder name"),
+        (yaml(published='{../net: net.npy}'), "name '../net' is no folder name"),
         ('- a', 'the file is not a list'),
         ('a: [', 'not YAML'),
     ],
@@ -165,6 +170,15 @@ def test_positions_within_the_radius_are_right_and_a_missing_one_never_is():
     references = np.array([[0.0, 3, 4], [0, 5.1, 0]])
     right = within_radius(queries, references, 5.0).right
     assert right.tolist() == [[True, False], [False, False]]
+
+
+def test_positions_of_long_drives_need_no_more_memory_than_their_truth():
+    positions = np.zeros((2000, 3))
+    tracemalloc.start()
+    truth = within_radius(positions, positions, 1.0)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert truth.right.all() and most < 3 * truth.right.nbytes
 
 
 def test_against_its_own_past_recent_frames_are_no_right_answers():

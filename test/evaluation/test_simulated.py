@@ -61,7 +61,7 @@ def test_an_invalid_drive_is_refused(tmp_path, said, problem):
 @pytest.mark.parametrize('query', ['{}', '{path: query, simulated: {}}'])
 def test_a_drive_is_read_or_drawn(street, query):
     street.write(f'query: {query}\nreference: {{path: reference}}\ntruth: {{kind: none}}')
-    with pytest.raises(ConfigError, match='query: has no path'):
+    with pytest.raises(ConfigError, match='query: needs the path of its images, or simulated'):
         street.open()
 
 
