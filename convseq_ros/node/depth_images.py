@@ -8,6 +8,7 @@ from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ImageError, one_line
 from convseq_ros.node.following_subscription import FollowingSubscription
 from convseq_ros.node.listener import ListeningNode
+from convseq_ros.node.missing import Missing
 from convseq_ros.node.once import Once
 from convseq_ros.node.waiting import Waiting
 from convseq_ros.sources.depth import decode_depth, Depth, KEPT, nearest
@@ -21,7 +22,7 @@ class DepthImages:
     def __init__(
         self, node: ListeningNode, topic: str, wait_s: float, reading: ReadingConfig
     ) -> None:
-        self.unreadable = self.missing = 0
+        self.unreadable, self.missing = 0, Missing(node.get_logger(), 'depth image')
         self._once, self._reading = Once(node.get_logger()), reading
         self._newest = deque[tuple[int, RawMessage]](maxlen=KEPT)
         self.waiting = Waiting(wait_s)
@@ -49,9 +50,9 @@ class DepthImages:
             if not self._newest:
                 return None
             self.waiting.wait_until(lambda: self._newest[-1][0] >= stamp_ns)
-            message = nearest(self._newest, stamp_ns)
+            message, last_ns = nearest(self._newest, stamp_ns), self._newest[-1][0]
+        self.missing.note(message is None, self.topic, stamp_ns, last_ns)
         if message is None:
-            self.missing += 1
             return None
         try:
             return decode_depth(message.image(), self._reading)

@@ -9,13 +9,13 @@ from convseq_ros.core.types import Pose
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.following_subscription import FollowingSubscription
 from convseq_ros.node.listener import ListeningNode
+from convseq_ros.node.missing import Missing
 from convseq_ros.node.waiting import Waiting
 from convseq_ros.sources.pose_track import LONGEST_GAP_NS, pose_from_message, PoseTrack
 from nav_msgs.msg import Odometry as OdometryMessage
 
 _DEPTH = 200  # messages of odometry that may wait
 _KEPT = 20_000
-_LOST_FRAMES = 20
 
 
 class OdometryListener:
@@ -28,11 +28,10 @@ class OdometryListener:
 
     def __init__(self, node: ListeningNode, wait_s: float) -> None:
         self.frame_id = ''
-        self.missing = 0
+        self.missing = Missing(node.get_logger(), 'pose')
         self.on_pose: Callable[[int, str], None] = lambda _stamp_ns, _frame_id: None
         self._node = node
         self._track = PoseTrack(kept=_KEPT)
-        self._lost_in_a_row = 0
         self.waiting = Waiting(wait_s)
         self._subscription = FollowingSubscription(
             node, OdometryMessage, 'odom', self._on_odometry, _DEPTH
@@ -50,18 +49,9 @@ class OdometryListener:
             if self.heard or self._node.count_publishers(self.topic):
                 self.waiting.wait_until(lambda: self._has_reached(stamp_ns))
             pose = self._track.at(stamp_ns)
-            self._lost_in_a_row = 0 if pose else self._lost_in_a_row + 1
             last_ns = self._track.last_stamp_ns
-        if pose is None and last_ns is not None:
-            self.missing += 1
-            if self._lost_in_a_row >= _LOST_FRAMES:
-                ahead_s = (last_ns - stamp_ns) / 1e9
-                self._node.get_logger().warning(
-                    f'{self.topic}: has no pose at the time of the images; its '
-                    f'newest stamp is {abs(ahead_s):.1f} s {"later" if ahead_s > 0 else "earlier"}'
-                    '; check that it comes and that both clocks agree',
-                    once=True,
-                )
+        if last_ns is not None:
+            self.missing.note(pose is None, self.topic, stamp_ns, last_ns)
         return pose
 
     @property

@@ -142,7 +142,7 @@ def test_a_pose_is_extrapolated_from_the_last_two_after_a_short_wait():
         tracked.hear(odometry(1, SECOND + 100 * MS))
         assert tracked.odometry.pose_at(SECOND + 150 * MS).position[0] == pytest.approx(1.5)
         assert tracked.odometry.pose_at(SECOND + 400 * MS) is None
-        assert tracked.odometry.missing == 1
+        assert tracked.odometry.missing.count == 1
 
 
 def test_no_image_waits_for_odometry_that_stopped_or_never_came(monkeypatch):
@@ -151,7 +151,7 @@ def test_no_image_waits_for_odometry_that_stopped_or_never_came(monkeypatch):
     assert stopped.odometry.pose_at(3 * SECOND) is None
     silent = Tracked(monkeypatch, wait_s=3600.0, publishers=0)
     assert silent.odometry.pose_at(SECOND) is None
-    assert silent.odometry.missing == 0
+    assert silent.odometry.missing.count == 0
     announced = Tracked(monkeypatch, wait_s=0.0)
     for _ in range(3):
         announced.odometry.pose_at(SECOND)
@@ -185,7 +185,7 @@ def test_odometry_by_another_clock_is_reported(monkeypatch, ahead_s, told):
     assert not warning.called
     tracked.odometry.pose_at(10 * SECOND)
     assert told in warning.call_args.args[0]
-    assert tracked.odometry.missing == 20
+    assert tracked.odometry.missing.count == 20
 
 
 def test_odometry_that_is_not_a_pose_or_has_no_stamp_is_one_warning(monkeypatch):
@@ -216,12 +216,22 @@ def heard(monkeypatch):
 
 def test_a_frame_gets_the_depth_of_its_moment(heard):
     images, hear = heard
-    assert images.at(SECOND) is None and images.missing == 0
+    assert images.at(SECOND) is None and images.missing.count == 0
     hear(depth(SECOND, 1500))
     hear(depth(SECOND + 100 * MS, 1600))
     assert images.at(SECOND + 5 * MS)[0, 0] == pytest.approx(1.5)
     assert images.at(SECOND + 98 * MS)[0, 0] == pytest.approx(1.6)
-    assert images.at(SECOND + 50 * MS) is None and images.missing == 1
+    assert images.at(SECOND + 50 * MS) is None and images.missing.count == 1
+
+
+def test_depth_by_another_clock_is_reported_once(heard):
+    images, hear = heard
+    for number in range(40):
+        hear(depth((3 + number) * SECOND))
+        assert images.at((1 + number) * SECOND + 500 * MS) is None
+    (told,) = images.missing._logger.warning.call_args_list
+    assert told.args[0].startswith('/depth: has no depth image at the time of the images; its')
+    assert 'newest stamp is 1.5 s later; check that it comes' in told.args[0]
 
 
 def test_an_invalid_depth_image_is_counted(heard):
