@@ -57,6 +57,7 @@ class AnnotatedFrames:
     depth_at: DepthAt | None = None
     poses_of: str = ''  # topic or file
     mount: Pose | None = None  # of the camera, if it is known
+    depth_of: str = ''  # topic or folder
 
     def __post_init__(self) -> None:
         self.name, self.topic = self.source.name, self.source.topic
@@ -67,23 +68,28 @@ class AnnotatedFrames:
 
     def __iter__(self) -> Iterator[Frame]:
         described: Camera | None = None
-        index, has_pose = -1, self.pose_at is None
+        index, lacking = -1, {self.poses_of: 'pose', self.depth_of: 'depth image'}
+        lacking.pop('', None)
         for index, frame in enumerate(self.source):
             pose = self.pose_at(index, frame.stamp_ns) if self.pose_at else None
-            has_pose = has_pose or pose is not None
+            if pose:
+                lacking.pop(self.poses_of, None)
             camera = None
             if self.camera_of and frame.gray is not None:
                 if described is None:
                     described = replace(self.camera_of(*frame.gray.shape), mount=self.mount)
                 camera = fitted(described, *frame.gray.shape)
             depth_m = self.depth_at(index, frame.stamp_ns) if self.depth_at else None
+            if depth_m is not None:
+                lacking.pop(self.depth_of, None)
             yield replace(frame, pose=pose, camera=camera, depth_m=depth_m)
-        line = (
-            f'{self.poses_of} has no pose at the time of an image; check that it covers the '
-            'drive, and that both clocks agree'
-        )
-        if index >= 0 and not has_pose and line not in self.warnings:
-            self.warnings.append(line)
+        for name, what in lacking.items() if index >= 0 else ():
+            line = (
+                f'{name} has no {what} at the time of an image; check that it covers the drive, '
+                'and that both clocks agree'
+            )
+            if line not in self.warnings:
+                self.warnings.append(line)
 
 
 class SeveralCameras:
@@ -167,7 +173,8 @@ def open_annotated(
     elif depth:
         messages = TopicMessages(path, depth, DEPTH_TYPES, '--depth', reading)
         depth_at = DepthTopic(messages, reading, source.warnings)
-    return AnnotatedFrames(source, pose_at, camera_of, depth_at, str(odom or poses), mount)
+    poses_of = str(odom or poses or '')
+    return AnnotatedFrames(source, pose_at, camera_of, depth_at, poses_of, mount, depth)
 
 
 def _poses(

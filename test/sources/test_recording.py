@@ -248,6 +248,18 @@ def test_a_frame_gets_the_depth_of_its_moment(write, pictures):
         open_annotated(path, '/camera/image_raw', depth='/nowhere')
 
 
+def test_depth_by_another_clock_is_told_once(write, pictures):
+    rows = recordings.drive(pictures)
+    for number in range(len(pictures)):
+        at_ns = recordings.START_NS + number * recordings.STEP_NS
+        rows.append(('/depth', at_ns, depth(number, at_ns - 10**12)))
+    source = open_annotated(write('mcap file', rows), '/camera/image_raw', depth='/depth')
+    for _ in range(2):
+        assert not any(frame.depth_m is not None for frame in source)
+    (line,) = source.warnings
+    assert line.startswith('/depth has no depth image at the time of an image; check that it')
+
+
 def test_a_folder_of_depth_goes_with_a_folder_of_pictures(tmp_path, pictures):
     images, depths = tmp_path / 'images', tmp_path / 'depth'
     images.mkdir()
