@@ -47,7 +47,7 @@ import numpy as np
 import numpy.typing as npt
 
 THUMBNAIL_PX = 160  # wide
-# What exports need in common, and how it is called if it differs.
+# What results of a set need in common, and how it is called if it differs.
 _SAME = {
     'images': 'other images',
     'truth': 'another truth, or part of the map,',
@@ -184,7 +184,6 @@ def read_exports(paths: Iterable[Path], reading: ReadingConfig) -> list[Mapping[
         try:
             summary = read_json(path, reading)
             version = summary['protocol_version']
-            same = {key: summary[key] for key in _SAME} if version == VERSION else {}
             name, _ = str(summary['set']), str(summary['method'])
             check_figures(summary)
         except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
@@ -194,15 +193,19 @@ def read_exports(paths: Iterable[Path], reading: ReadingConfig) -> list[Mapping[
                 f'{path}: protocol version {version}, and this program has {VERSION}; '
                 'evaluate again with one program'
             )
-        first = by_set.get(name, [summary])[0]
-        for key, value in same.items():
-            if first[key] != value:
-                raise SourceError(
-                    f'{path}: {name} has {_SAME[key]} than in the files before; compare figures '
-                    'of the same'
-                )
         by_set.setdefault(name, []).append(summary)
+        refuse_other(summary, by_set[name][0], path)
     return [summary for exports in by_set.values() for summary in exports]
+
+
+def refuse_other(summary: Mapping[str, Any], first: Mapping[str, Any], path: Path) -> None:
+    """Raise a SourceError if results are not comparable with the first ones of their set."""
+    for key, what in _SAME.items():
+        if summary.get(key) != first.get(key):
+            raise SourceError(
+                f'{path}: {first.get("set")} has {what} than in the results before; compare '
+                'figures of the same'
+            )
 
 
 def write_summary_table(folder: Path, summaries: Iterable[Mapping[str, Any]]) -> None:

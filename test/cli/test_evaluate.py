@@ -62,9 +62,9 @@ def test_exports_of_several_people_are_put_in_one_table(street, capsys):
     ('change', 'problem'),
     [
         ({'protocol_version': 1}, 'b.json: protocol version 1, and this program has 2'),
-        ({'images': {'query': 'other'}}, 'b.json: street has other images than in the files'),
+        ({'images': {'query': 'other'}}, 'b.json: street has other images than in the results'),
         ({'truth': 'other'}, 'b.json: street has another truth, or part of the map, than'),
-        ({'criterion': 'margin'}, 'b.json: street has another criterion than in the files'),
+        ({'criterion': 'margin'}, 'b.json: street has another criterion than in the results'),
         ({'set': None, 'images': None}, ''),
         ({'auc_pr': 'high'}, "not an export of `convseq evaluate` ('high' is not a figure)"),
         (None, 'b.json: not an export of `convseq evaluate`'),

@@ -13,6 +13,7 @@ import xml.etree.ElementTree
 
 from convseq_ros.cli import main
 from convseq_ros.core.result_row import COLUMNS
+from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.report.page import write_report
 from convseq_ros.evaluation.report.shown import read_runs, right_to_show
 import cv2
@@ -195,6 +196,13 @@ def test_a_report_of_many_frames_shows_some_with_a_note(results, page, tmp_path,
 def test_two_results_of_the_same_set_and_method_have_different_names(results, copy):
     methods = [one.name for one in read_runs([results, copy]) if one.run.set == 'loop']
     assert sorted(methods) == ['convseq', 'convseq (copy)']
+
+
+def test_results_of_another_truth_are_not_shown_beside_those_of_a_set(copy):
+    path = copy / 'street' / 'cohog' / 'summary.json'
+    path.write_text(json.dumps(json.loads(path.read_text()) | {'truth': 'another'}))
+    with pytest.raises(SourceError, match='street has another truth, or part of the map, than in'):
+        read_runs([copy])
 
 
 def test_truth_to_show_is_the_middle_of_the_run_nearest_to_the_match():

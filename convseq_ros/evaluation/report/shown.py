@@ -10,7 +10,7 @@ from typing import Any
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ConvseqError, one_line, SourceError
-from convseq_ros.evaluation.run_folder import read_run, read_table, Run
+from convseq_ros.evaluation.run_folder import read_run, read_table, refuse_other, Run
 from convseq_ros.evaluation.table import check_figures
 import numpy as np
 import numpy.typing as npt
@@ -50,8 +50,11 @@ class Shown:
 def read_runs(folders: Iterable[Path], reading: ReadingConfig = ReadingConfig()) -> list[Shown]:
     """Return the runs of folders, the best of each set first; ConvseqError if one is damaged."""
     runs: dict[tuple[str, str], Shown] = {}
+    firsts: dict[str, Run] = {}
     for folder in folders:
         for run in read_run(folder, reading):
+            first = firsts.setdefault(run.set, run)
+            refuse_other(run.summary, first.summary, run.folder)
             is_new = (run.set, run.method) not in runs
             name = run.method if is_new else f'{run.method} ({folder.name})'
             try:
