@@ -15,7 +15,7 @@ from convseq_ros.core.map.format import is_map_or_empty
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.pipeline import Pipeline
-from convseq_ros.errors import MapError, one_line, with_traceback
+from convseq_ros.errors import MapError, NO_PLACES, one_line, with_traceback
 from convseq_ros.io.output_file import ANY, OutputFile
 from convseq_ros.node.qos import SERVICE_QOS
 from convseq_ros.node.recognition import Arrival, Recognition
@@ -44,7 +44,7 @@ class MapServices:
         result_file: str,
     ) -> None:
         self._save_path, self._result_file = save_path, result_file
-        self._logger = node.get_logger()
+        self._logger, self._name = node.get_logger(), node.get_fully_qualified_name()
         self._worker = worker
         self._recognition = recognition
         self._open_pipeline = open_pipeline
@@ -67,8 +67,13 @@ class MapServices:
             text = f'recognising {count} places and adding to them, in {where}'
         elif count:
             text = f'recognising {count} places of {pipeline.path}'
+        elif pipeline.path:
+            text = f'{pipeline.path} {NO_PLACES}'
         else:
-            text = 'no map yet; waiting for ~/load_map'
+            text = (
+                'no map yet: map_path is empty, and sections of a parameter file are read if '
+                f'they name {self._name} or /**; waiting for ~/load_map'
+            )
         self._logger.info(text)
 
     def finish(self, timeout_s: float) -> bool:

@@ -25,6 +25,22 @@ def set_parameter(client, name, value):
     return answer.results[0]
 
 
+@pytest.mark.parametrize(
+    ('is_given', 'told'),
+    [
+        (False, 'no map yet: map_path is empty, and sections of a parameter file are read if they '
+         'name /vpr_node or /**; waiting for ~/load_map'),
+        (True, 'empty.db has no places; add a drive: convseq build-map'),
+    ],
+)  # fmt: skip
+def test_a_node_without_places_says_what_it_lacks(client, vpr, tmp_path, capfd, is_given, told):
+    save_map(ReferenceMap(), path := tmp_path / 'empty.db')
+    node = vpr(**({'map_path': path} if is_given else {}))
+    client.wait_for(lambda: node._listening)
+    client.call(Trigger, '/vpr_node/reset')  # the node has logged by then
+    assert told in capfd.readouterr().err
+
+
 def test_without_a_map_the_node_waits_for_one(client, vpr, show, map_path, tmp_path):
     node = vpr(fixed_length=1, save_map_path=tmp_path / 'copy.db')
     assert show(3) == -1
