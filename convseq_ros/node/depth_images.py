@@ -35,9 +35,11 @@ class DepthImages:
     @property
     def silence(self) -> str:
         """Why no depth images come; empty if they do, or need not."""
-        silent_s = self._subscription.silent_s if self._subscription else 0.0
-        stopped = f'no depth images on {self.topic} for {silent_s:.0f} s'
-        return f'{stopped}; look at their driver, or at depth_topic' if silent_s else ''
+        if not (self._subscription and (silent_s := self._subscription.silent_s)):
+            return ''
+        wrong = self._subscription.mismatch
+        why = f'{self.topic} carries {wrong}' if wrong else f'nothing on {self.topic}'
+        return f'no depth images for {silent_s:.0f} s: {why}; look at their driver, or depth_topic'
 
     def configure(self, wait_s: float, reading: ReadingConfig) -> None:
         """Use another time to wait, and other limits of what is read, from now on."""

@@ -8,6 +8,7 @@ from threading import RLock
 import time
 from typing import Any
 
+from convseq_ros.node.conversions import type_name
 from convseq_ros.node.listener import ListeningNode
 from rclpy.event_handler import (
     QoSMessageLostInfo,
@@ -65,6 +66,14 @@ class FollowingSubscription:
         """How long nothing has come, if it is so long that something is wrong; else 0."""
         silent_s = time.monotonic() - self._arrived_s if self._subscription else 0.0
         return silent_s if silent_s >= _SILENCE_S else 0.0
+
+    @property
+    def mismatch(self) -> str:
+        """Which other types its topic carries; empty if it carries this one, or nothing."""
+        ends = self._node.get_publishers_info_by_topic(self.topic)
+        types = sorted({end.topic_type for end in ends})
+        wanted = type_name(self.kind)
+        return '' if wanted in types or not types else f'{", ".join(types)}, not {wanted}'
 
     @property
     def lost(self) -> int:

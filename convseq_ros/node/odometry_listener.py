@@ -64,10 +64,15 @@ class OdometryListener:
 
     @property
     def silence(self) -> str:
-        """Why there is no odometry any more; empty if it comes, or never came."""
-        silent_s = self._subscription.silent_s if self.heard else 0.0
-        stopped = f'odometry stopped: nothing on {self.topic} for {silent_s:.0f} s'
-        return f'{stopped}; look at its publisher' if silent_s else ''
+        """Why there is no odometry; empty if it comes, or nobody sends any."""
+        if not (silent_s := self._subscription.silent_s):
+            return ''
+        if self.heard:
+            stopped = f'odometry stopped: nothing on {self.topic} for {silent_s:.0f} s'
+            return f'{stopped}; look at its publisher'
+        if wrong := self._subscription.mismatch:
+            return f'no odometry: {self.topic} carries {wrong}; remap it: -r odom:=TOPIC'
+        return ''
 
     def _has_reached(self, stamp_ns: int) -> bool:
         """Return whether there is nothing more to wait for."""

@@ -9,6 +9,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.node import following_subscription
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 import pytest
 from sensor_msgs.msg import CompressedImage, Image
@@ -89,6 +90,15 @@ def test_odometry_that_stops_is_a_warning(client, vpr, map_path, street, image, 
     assert capfd.readouterr().err.count('odometry stopped') == 1
 
 
+def test_odometry_and_depth_of_other_types_are_a_warning(client, vpr, map_path, impatient):
+    for topic in ('/odom', '/depth'):
+        client.node.create_publisher(PoseStamped, topic, 1)
+    vpr(map_path=map_path, depth_topic='/depth', **PERIOD)
+    text = status_with(client, 'no odometry: /odom carries geometry_msgs/msg/PoseStamped').message
+    assert ', not nav_msgs/msg/Odometry; remap it: -r odom:=TOPIC' in text
+    assert '/depth carries geometry_msgs/msg/PoseStamped, not sensor_msgs/msg/Image; look' in text
+
+
 def test_a_node_with_the_same_name_is_a_warning(client, vpr, map_path):
     vpr(map_path=map_path, **PERIOD)
     status_with(client, 'recognising places')
@@ -135,12 +145,12 @@ def test_a_camera_and_depth_that_never_come_are_a_warning_beside_a_camera_that_d
     def told():
         camera.publish(image(street[0], next(stamps) * SECOND))
         text = heard[-1].status[0].message if heard else ''
-        wanted = 'no images for', '/rear has no publisher; look', '; no depth images on /depth for'
+        wanted = 'no images for', '/rear has no publisher; look', '; no depth images for'
         return all(one in text for one in wanted) and '/front' not in text
 
     client.wait_for(told)
     log = capfd.readouterr().err
-    assert log.count('/rear has no publisher') == log.count('no depth images on /depth') == 1
+    assert log.count('/rear has no publisher') == log.count('nothing on /depth') == 1
 
 
 def test_a_camera_is_reported_once_each_time_that_it_stops(
