@@ -41,6 +41,9 @@ class PlaceRecognizer:
     """
     Recognises places, frame by frame: ConvSequential-SLAM.
 
+    One thread uses it at a time; several recognisers may share a map that does not grow. Another
+    process opens the map itself.
+
     Parameters
     ----------
     reference_map : ReferenceMap

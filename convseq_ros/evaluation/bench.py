@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import hashlib
 from pathlib import Path
 
-from convseq_ros.config import Config, flatten
+from convseq_ros.config import Config, flatten, KeyframeConfig
+from convseq_ros.config.parameter import parameters
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation import run_folder
 from convseq_ros.evaluation.data_set import DataSet
@@ -75,7 +76,7 @@ def evaluate(
 
 
 def method_names(texts: Sequence[str], data_set: DataSet) -> list[MethodName]:
-    """Return the methods for a set; ConfigError if a name is unclear or a label is repeated."""
+    """Return the methods for a set; ConfigError if one is unclear or twice there."""
     names = []
     for text in texts:
         if text == PUBLISHED:
@@ -90,6 +91,13 @@ def method_names(texts: Sequence[str], data_set: DataSet) -> list[MethodName]:
     for label in labels:
         if labels.count(label) > 1:
             raise ConfigError(f'{label}: two methods have this label; write a label before =')
+    of_growing_maps = () if data_set.online else {item.name for item in parameters(KeyframeConfig)}
+    for name in names:
+        for idle in name.options.keys() & of_growing_maps:
+            raise ConfigError(
+                f'method {name.label}: {idle} changes nothing, for every image of {data_set.name} '
+                'is a place; leave it out'
+            )
     return names
 
 

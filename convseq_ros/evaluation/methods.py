@@ -17,6 +17,7 @@ from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
 from convseq_ros.config.paper import PAPER
 from convseq_ros.config.parameter import refuse_unknown, Value
+from convseq_ros.core.encoding.mask import masked
 from convseq_ros.errors import ConfigError, pip_install
 from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.given_files import read_descriptors, read_scores
@@ -32,6 +33,7 @@ from convseq_ros.evaluation.query_answers import (
     recognize,
     verified,
 )
+from convseq_ros.io.mask_file import read_mask
 from convseq_ros.models.onnx_model import OnnxModel
 import numpy as np
 import numpy.typing as npt
@@ -116,7 +118,7 @@ def make_method(name: MethodName, config: Config) -> Method:
     if values.get('fixed_length') and chosen.believes and 'acceptance_rule' not in values:
         # A fixed length decides by the margin of its frames; the belief would use all past frames.
         chosen = overridden(chosen, {'acceptance_rule': 'margin'})
-    return Method(name, kind, chosen)
+    return Method(name, kind, masked(chosen, read_mask(chosen)))
 
 
 def _core(material: Material, name: MethodName, config: Config) -> PairScores:

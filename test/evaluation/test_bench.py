@@ -179,6 +179,8 @@ def test_the_score_matrices_of_a_set_are_shown_single_frame_and_in_sequence(
         (('convseq+exclusion_s=3',), "^parameter 'exclusion_s' is gone: "),
         (('convseq+fixed_length=many',), 'fixed_length: expected int'),
         (('convseq+mode=online',), "unknown option 'mode'"),
+        (('convseq+keypoints=0',), 'keypoints changes nothing, for every image of street is a pl'),
+        (('convseq+image_mask=absent.png',), 'image_mask: absent.png: no such file'),
         (('orb-bow-k3',), 'method orb-bow-k3: orb-bow takes no k'),
         (('single@dynamic',), 'method single-dynamic: single takes no k'),
         (('scores:absent.npy',), r'absent.npy: No such file'),
@@ -199,6 +201,16 @@ def test_the_set_says_whether_the_map_grows_and_not_the_parameters_of_a_robot(
     robot = overridden(quick, {'mode': 'online'})
     (one,) = run(street, robot, tmp_path / 'out', 'convseq')
     assert one['accuracy_all'] >= 0.9 and one['configuration']['mode'] == 'preloaded'
+
+
+def test_a_method_may_have_a_mask_of_its_own(street, quick, tmp_path):
+    mask = tmp_path / 'mask.png'
+    assert cv2.imwrite(
+        str(mask), np.repeat(np.uint8([[255], [0]]), 64, axis=0) @ np.ones((1, 128))
+    )
+    masked, whole = run(street, quick, tmp_path / 'out', f'm=convseq+image_mask={mask}', 'convseq')
+    assert masked['configuration']['image_mask'].startswith('#')
+    assert whole['configuration']['image_mask'] == ''
 
 
 def test_images_that_cannot_be_read_are_told(street, quick, tmp_path):
