@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout, suppress
+from dataclasses import asdict
 from functools import partial
 from io import StringIO
 import json
@@ -15,14 +16,15 @@ import tempfile
 from typing import Any
 
 from convseq_ros.cli import main as convseq
-from convseq_ros.core.map.format import PAGE_BYTES, row_crc
+from convseq_ros.core.map.format import PAGE_BYTES, row_crc, stored_settings
 from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.types import Camera
 import cv2
 
 from bench import recordings
 from bench.torture.attack import Try
 from bench.torture.forked import ended
-from bench.torture.maps import crash, drawn, log_of
+from bench.torture.maps import crash, drawn, ENCODING, log_of
 
 _PLACES, _SIZE = 20, ('--image-size-px', '64')
 _TABLES = 'about', 'sessions', 'places', 'pictures', 'images', 'links', 'depths', 'vectors'
@@ -35,13 +37,7 @@ _IN_JSON: tuple[Any, ...] = (
     [0.0] * 100_000, 'equidistant', '#0000', '#ffff', '#0', '#' + 'f' * 10**6, '/dev/zero',
     {'position': [0, 0, 1e308], 'orientation': 4 * [0]},
 )  # fmt: skip
-_CAMERA = {
-    'width_px': 64, 'height_px': 48, 'fx_px': 50.0, 'fy_px': 50.0, 'cx_px': 32.0, 'cy_px': 24.0,
-    'distortion_model': 'plumb_bob', 'distortion': [0.0] * 5, 'mount': None,
-}  # fmt: skip
-_ENCODING = {
-    'image_size_px': 64, 'resize': 'exact', 'image_mask': '', 'image_rotation_deg': 0,
-}  # fmt: skip
+_CAMERA = asdict(Camera(64, 48, 50.0, 50.0, 32.0, 24.0, 'plumb_bob', (0.0,) * 5))
 
 Change = Callable[[sqlite3.Connection, random.Random], None]
 
@@ -102,7 +98,7 @@ def _value(database: sqlite3.Connection, draw: random.Random) -> None:
 def _setting(database: sqlite3.Connection, draw: random.Random) -> None:
     """Give the camera of a session, or the encoding, an odd value in its JSON."""
     table, known, column = draw.choice(
-        (('sessions', _CAMERA, 'camera'), ('about', _ENCODING, 'value'))
+        (('sessions', _CAMERA, 'camera'), ('about', stored_settings(ENCODING), 'value'))
     )
     odd = {draw.choice([*known]): draw.choice((*_NUMBERS, *_IN_JSON))}
     only = '' if table == 'sessions' else "WHERE name = 'encoding'"

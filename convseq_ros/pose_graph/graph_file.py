@@ -70,8 +70,8 @@ def save_graph(graph: PoseGraph, path: Path, map_id: str) -> int:
     return len(drives)
 
 
-def load_graph(path: Path, config: PoseGraphConfig, map_id: str = '') -> PoseGraph:
-    """Return the graph of a file; MapError if it is damaged, or of a map with another id."""
+def load_graph(path: Path, config: PoseGraphConfig) -> PoseGraph:
+    """Return the graph of a file; MapError if it is damaged."""
     refuse_irregular(path)
     try:
         with zipfile.ZipFile(path) as parts:
@@ -82,11 +82,7 @@ def load_graph(path: Path, config: PoseGraphConfig, map_id: str = '') -> PoseGra
         with path.open('rb') as file, np.load(file, allow_pickle=False) as stored:
             header = json.loads(bytes(stored['header']))
             arrays = {name: stored[name] for name in _SHAPES}
-        if map_id and header['map_id'] != map_id:
-            raise MapError(f'{path}: is the graph of another map; choose another graph_file')
         return _graph(header, arrays, config)
-    except MapError:
-        raise
     except Exception as error:
         raise MapError(
             f'{path}: not a whole graph ({one_line(error)}); move it away to begin a new one'

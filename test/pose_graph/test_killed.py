@@ -37,7 +37,7 @@ def test_a_kill_9_while_saving_leaves_a_whole_file(tmp_path):
             for _ in range(lines):
                 assert process.stdout.readline() == 'saved\n'
             process.kill()  # SIGKILL, most likely in the middle of the next one
-        (drive,) = load_graph(path, PoseGraphConfig(), 'the map').earlier
+        (drive,) = load_graph(path, PoseGraphConfig()).earlier
         assert len(drive.poses) == 2000
 
 
