@@ -37,7 +37,8 @@ ATTACKS = {
     'map_power': ('disk_attacks', 200),
     'map_writes': ('disk_attacks', 100),
     'node_messages': ('messages', 20),
-    'services': ('messages', 200),
+    'odd_words': ('odd_words', 50),
+    'recording_damage': ('damage', 500),
 }
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Odd messages over DDS, and services called at 50 Hz."""
+"""Odd messages over DDS."""
 
 from array import array
 from collections.abc import Callable, Iterator
@@ -11,13 +11,9 @@ from typing import Any
 
 from convseq_ros.sources.images import ENCODINGS
 from nav_msgs.msg import Odometry
-from nav_msgs.srv import LoadMap
 import numpy as np
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
-from std_srvs.srv import SetBool, Trigger
 
 from bench import recordings
 from bench.robot import greet, image, Robot, robot, unaccounted
@@ -28,8 +24,7 @@ _CAMERAS = ((480, 640), (1_080, 1_920), (2_160, 3_840), (4_320, 7_680))
 _BURST, _SHARE_OF_CAMERAS, _MOST_PIXELS = 30, 0.05, 48_000_000
 _MOST_MB, _MOST_LEFT_MB = 2_000, 256 + 100
 _NEXT_S, _PATIENCE_S, _LEFT_S = 10.0, 120.0, 10.0  # until the next image, all answers, the end
-_ANSWER_S = 30.0  # until a call, or an image after odd messages, is answered
-_CALLS, _CALLS_A_FRAME, _CALL_S = 50, 5, 0.02
+_ANSWER_S = 30.0  # until an image after odd messages is answered
 _DEPTH = '/depth'
 _FLOATS = (
     0.0, 1.0, -1.0, 500.0, 5e-324, 2.2e-308, 1e-300, 1e308, float('inf'), float('-inf'),
@@ -41,19 +36,14 @@ _NUMBERS: dict[str, tuple[Any, ...]] = {
 _TOPICS = {Odometry: '/odom', CameraInfo: '/camera_info', Clock: '/clock', Image: _DEPTH}
 _FIRST_NS, _LAST_NS = -(2**31) * 10**9, 2**31 * 10**9 - 1
 _JUMPS_NS = (10**8, 10**8, 10**8, 0, 1, -1, -(10**9) - 1, 10**9, 10**12, -(10**12), 10**18)
-_SERVICES = {
-    'reset': Trigger, 'set_enabled': SetBool, 'save_map': Trigger, 'load_map': LoadMap,
-    'set_parameters': SetParameters,
-}  # fmt: skip
 
 
 class Sender:
     """Sends a node what is drawn."""
 
-    def __init__(self, one: Robot, draw: random.Random, folder: Path) -> None:
-        self.one, self._draw, self._folder = one, draw, folder
+    def __init__(self, one: Robot, draw: random.Random) -> None:
+        self.one, self._draw = one, draw
         self._sent, self._stamp_ns, self._before_mb = 0, 10**18, one.resident_mb()
-        self._clients: dict[str, Any] = {}
         self._publishers = {
             kind: one.node.create_publisher(kind, topic, 10) for kind, topic in _TOPICS.items()
         }
@@ -85,30 +75,6 @@ class Sender:
         odd = _odd_image(self._draw)[0] if kind is Image else _odd(kind, self._draw)
         self._publishers[kind].publish(odd)
         return Try(kind.__name__, self._unanswered())
-
-    def calls(self) -> Try:
-        """Call services at 50 Hz, and send images at 10 Hz."""
-        names = self._draw.choices([*_SERVICES], k=_CALLS)
-        asked = list[Any]()
-        for number, name in enumerate(names):
-            if number % _CALLS_A_FRAME == 0:
-                self._send_image()
-            asked.append(self._call(name, _request(name, self._draw, self._folder)))
-            self.one.spin(_CALL_S)
-        names.append('set_enabled')
-        asked.append(self._call('set_enabled', SetBool.Request(data=True)))
-        self.one.wait_for(lambda: all(future.done() for future in asked), _ANSWER_S)
-        late = [name for name, future in zip(names, asked, strict=True) if not future.done()]
-        problem = f'not answered: {", ".join(late)}' if late else self._unanswered()
-        return Try(names[-1], problem, len(names))
-
-    def _call(self, name: str, request: Any) -> Any:
-        if name not in self._clients:
-            client = self.one.node.create_client(_SERVICES[name], f'/vpr_node/{name}')
-            self.one.wait_for(client.service_is_ready, _PATIENCE_S)
-            self.one.spin(1.0)  # DDS discovery is not symmetric: the first answers may be lost
-            self._clients[name] = client
-        return self._clients[name].call_async(request)
 
     def _send_image(self) -> None:
         """Send a good image, whose stamp may have jumped."""
@@ -152,21 +118,14 @@ def node_messages(count: int, seed: int, folder: Path) -> Iterator[Try]:
     return _run(Sender.message, count, seed, folder, use_sim_time=True, depth_topic=_DEPTH)
 
 
-def services(count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Call the services of a node."""
-    return _run(Sender.calls, count, seed, folder, image_size_px=256)
-
-
 def _run(
     act: Callable[[Sender], Try], count: int, seed: int, folder: Path, **parameters: Any
 ) -> Iterator[Try]:
     """Do an act again and again with a node."""
     draw, tried = random.Random(seed), 0
-    with robot(
-        folder, mode='online', diagnostics_period_s=0.2, map_path=folder / 'map.db',
-        save_map_path=folder / 'copy.db', **parameters,
-    ) as one:  # fmt: skip
-        sender = Sender(one, draw, folder)
+    own: dict[str, Any] = {'mode': 'online', 'map_path': folder / 'map.db'}
+    with robot(folder, diagnostics_period_s=0.2, **own, **parameters) as one:
+        sender = Sender(one, draw)
         greet(one)
         while tried < count and one.process.poll() is None:
             name, problem, made = act(sender)
@@ -220,16 +179,3 @@ def _numbers(message: Any) -> Iterator[tuple[Any, str, tuple[Any, ...], int]]:
             yield from _numbers(value)
         elif (found := re.fullmatch(r'(\w+?)(?:\[(\d+)\])?', kind)) and found[1] in _NUMBERS:
             yield message, name, _NUMBERS[found[1]], int(found[2] or 0)
-
-
-def _request(name: str, draw: random.Random, folder: Path) -> object:
-    if name == 'set_enabled':
-        return SetBool.Request(data=draw.random() < 0.7)
-    if name == 'load_map':
-        urls = ('', '/none.db', '/dev/zero', str(folder / 'copy.db'), '\0', 'x' * 5_000)
-        return LoadMap.Request(map_url=draw.choice(urls))
-    if name == 'set_parameters':
-        values = (1.5, -1.0, 1e308, float('nan'), 'much', [1, 2], True)
-        parameter = Parameter('min_confidence', value=draw.choice(values))
-        return SetParameters.Request(parameters=[parameter.to_parameter_msg()])
-    return Trigger.Request()
