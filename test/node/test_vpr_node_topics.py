@@ -7,16 +7,15 @@ import signal
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.io.results import read_results
-from convseq_ros.node.conversions import CANDIDATE, stamp_from_ns, stamp_to_ns
-import cv2
+from convseq_ros.node.conversions import CANDIDATE, stamp_to_ns
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import CompressedImage, Image, PointCloud2
-from std_msgs.msg import Float32, Float64MultiArray, Header, Int32, Int64MultiArray, UInt32
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Float32, Float64MultiArray, Int32, Int64MultiArray, UInt32
 
 SECOND = 1_000_000_000
 LATER_NS = 1000 * SECOND
@@ -92,18 +91,6 @@ def test_a_second_drive_is_recognised_on_all_topics(
         LATER_NS + index * SECOND for index in range(NUM_FRAMES)
     ]
     assert [int(row['reference_index'] or -1) for row in table] == indices
-
-
-def test_compressed_images_are_recognised(client, vpr, map_path, street):
-    vpr('-r', 'image:=/image/compressed', map_path=map_path)
-    heard = client.listen(Int32, '/vpr_node/match_index')
-    camera = client.camera(CompressedImage, '/image/compressed')
-    for index in range(5):
-        stamp = stamp_from_ns(LATER_NS + index * SECOND)
-        data = cv2.imencode('.png', street[index])[1].tobytes()
-        camera.publish(CompressedImage(header=Header(stamp=stamp), format='png', data=data))
-    client.wait_for(lambda: len(heard) == 5)
-    assert [message.data for message in heard] == [-1, 1, 2, 3, 4]
 
 
 def test_the_debug_image_is_published_to_subscribers(client, vpr, map_path, street, image):
