@@ -11,7 +11,7 @@ from convseq_ros.node.camera_mount import Mount
 from convseq_ros.node.following_subscription import FollowingSubscription
 from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.once import Once
-from convseq_ros.sources.camera_info import camera_from_info, correction, fitted
+from convseq_ros.sources.camera_info import camera_from_info, correction, fitted, misfit
 from sensor_msgs.msg import CameraInfo
 
 _INFO_DEPTH = 10  # messages of camera_info that may wait
@@ -41,6 +41,8 @@ class CameraDescription:
         """Return the camera for images of a size in pixels; None if it is not calibrated."""
         if (camera := self._camera) is None:
             return None
+        if line := misfit(camera, height, width):
+            self._once.warn(f'{self._subscription.topic}: {line}')
         return replace(fitted(camera, height, width), mount=self._mount.of(self._frame_id))
 
     def _on_camera_info(self, message: Any) -> None:

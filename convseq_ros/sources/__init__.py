@@ -14,7 +14,7 @@ from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.io.regular_file import refuse_irregular
-from convseq_ros.sources.camera_info import fitted, read_camera_file
+from convseq_ros.sources.camera_info import fitted, misfit, read_camera_file
 from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
 from convseq_ros.sources.folder import ImageFolder
 from convseq_ros.sources.mount import as_parameter, mount_of, Tf
@@ -78,6 +78,8 @@ class AnnotatedFrames:
             if self.camera_of and frame.gray is not None:
                 if described is None:
                     described = replace(self.camera_of(*frame.gray.shape), mount=self.mount)
+                    if (line := misfit(described, *frame.gray.shape)) not in self.warnings:
+                        self.warnings += [line] if line else []
                 camera = fitted(described, *frame.gray.shape)
             depth_m = self.depth_at(index, frame.stamp_ns) if self.depth_at else None
             if depth_m is not None:

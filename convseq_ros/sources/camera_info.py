@@ -14,6 +14,7 @@ from convseq_ros.errors import ConfigError, one_line, SourceError
 from convseq_ros.io.files import read_text, read_yaml
 
 _PROJECTION = 12  # numbers of a 3 x 4 matrix
+_STRETCH = 0.02  # by which proportions may differ; rectified images lose a few pixels
 # Focal lengths, and distances of the centre, in sides of the image: no lens is beyond.
 _SHORTEST, _LONGEST = 1e-3, 1e6
 
@@ -146,6 +147,17 @@ def correction(message: Any, camera: Camera | None) -> str:
     return (
         f'distortion {named!r} of {len(camera.distortion)} numbers is read as '
         f'{camera.distortion_model!r}; mend the name in the calibration'
+    )
+
+
+def misfit(camera: Camera, height: int, width: int) -> str:
+    """Return a line if a camera is stretched to fit images of another size; else nothing."""
+    stretch = (width / camera.width_px) / (height / camera.height_px)
+    if abs(stretch - 1.0) <= _STRETCH:
+        return ''
+    return (
+        f'camera_info is of {camera.width_px} x {camera.height_px} px and stretched to images of '
+        f'{width} x {height} px; is it of this camera, and are its images whole?'
     )
 
 

@@ -134,3 +134,14 @@ def test_frames_know_their_pose_and_a_camera_of_their_size(write, pictures):
     assert poses[6:] == [None] * 6
     assert {frame.camera for frame in frames} == {fitted(CAMERA, 24, 32)}
     assert fitted(CAMERA, 24, 32).fx_px == 25.0
+
+
+@pytest.mark.parametrize(('size', 'told'), [((640, 480), 0), ((640, 472), 0), ((480, 480), 1)])
+def test_a_camera_of_other_proportions_is_told_once(write, pictures, size, told):
+    path = write('mcap folder', [*recordings.drive(pictures), ('/info', 1, info(size=size))])
+    source = open_annotated(path, camera_info='/info')
+    assert len(list(source)) == len(list(source))
+    lines = [line for line in source.warnings if 'stretched' in line]
+    assert len(lines) == told
+    for line in lines:
+        assert line.startswith('camera_info is of 480 x 480 px and stretched to images of 32 x 24')
