@@ -157,7 +157,7 @@ def misfit(camera: Camera, height: int, width: int) -> str:
         return ''
     return (
         f'camera_info is of {camera.width_px} x {camera.height_px} px and stretched to images of '
-        f'{width} x {height} px; is it of this camera, and are its images whole?'
+        f'{width} x {height} px; check that it is of this camera, and that no part is cut off'
     )
 
 

@@ -194,7 +194,9 @@ class Autosave(NoAutosave):
     def _refuse_replaced(self) -> None:
         if self._is_in_place():
             return
-        raise MapError(f'{self._path}: was moved or replaced; new places are not kept')
+        raise MapError(
+            f'{self._path}: was moved or replaced; new places are not kept unless it is put back'
+        )
 
     def _refuse_overwritten(self) -> None:
         """Give the file up if it became shorter, or others have made it another map."""
