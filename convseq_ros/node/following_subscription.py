@@ -45,6 +45,7 @@ class FollowingSubscription:
     ) -> None:
         self._reported = self._missing = self._last = 0
         self._node, self.kind, self.topic = node, kind, node.resolve_topic_name(topic)
+        node.claim(self.topic, kind)
         self._on_message, self._depth, self._raw, self._latched = on_message, depth, raw, latched
         self._subscription: Any = None
         self._changing = RLock()  # other threads call `move` while the listener handles events

@@ -8,7 +8,8 @@ from functools import partial
 import threading
 from typing import Any, cast
 
-from convseq_ros.errors import with_traceback
+from convseq_ros.errors import ConfigError, with_traceback
+from convseq_ros.node.conversions import type_name
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
@@ -119,7 +120,16 @@ class ListeningNode(Node):
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
-        self.listener = Listener(self)
+        self.listener, self._claims = Listener(self), dict[str, type]()
+
+    def claim(self, topic: str, kind: type) -> None:
+        """Raise a ConfigError if a topic is to be heard as two types: in ROS it has one."""
+        other = self._claims.setdefault(topic, kind)
+        if other is not kind:
+            raise ConfigError(
+                f'{topic}: it cannot carry both {type_name(other)} and {type_name(kind)}; give '
+                'one of them another topic'
+            )
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., None], *args: Any, **kwargs: Any

@@ -37,6 +37,20 @@ def test_a_camera_that_is_named_twice_is_refused():
         image_subscriptions(node, NodeConfig(image_topics='/front /rear front'), Mock())
 
 
+@pytest.mark.parametrize(
+    ('words', 'parameters', 'told'),
+    [
+        (('-r', 'image:=/odom'), {}, '/odom: it cannot carry both .*/Image and .*/Odometry; give'),
+        (('-r', 'odom:=/camera_info'), {}, '/camera_info: it cannot carry both .*/Odometry and'),
+        ((), {'depth_topic': '/odom'}, '/odom: it cannot carry both .*/Odometry and .*/Image'),
+        ((), {'image_topics': '/odom'}, '/odom: it cannot carry both'),
+    ],
+)
+def test_one_topic_for_two_types_is_refused(vpr, map_path, words, parameters, told):
+    with pytest.raises(ConfigError, match=told):
+        vpr(*words, map_path=map_path, **parameters)
+
+
 def test_a_camera_that_returns_with_reliable_qos_gets_a_reliable_subscription(
     client, vpr, street, image
 ):
