@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Warnings about single messages, of which each text is logged once."""
 
+import re
 from typing import Any
 
+_BYTES = re.compile(r'\b\d+ bytes')  # which differ from one damaged picture to the next
 _MOST = 20  # different texts: whoever sends messages may make up new ones for ever
 
 
@@ -15,7 +17,8 @@ class Once:
         self._told = set[str]()
 
     def warn(self, text: str) -> None:
-        """Log a warning, unless it was logged before."""
-        if text not in self._told and len(self._told) < _MOST:
-            self._told.add(text)
+        """Log a warning, unless it was logged before, perhaps with another number of bytes."""
+        kind = _BYTES.sub('', text)
+        if kind not in self._told and len(self._told) < _MOST:
+            self._told.add(kind)
             self._logger.warning(f'{text}; from now on this is only counted')

@@ -18,6 +18,7 @@ from convseq_ros.io.results import read_results, ResultWriter
 from convseq_ros.node import diagnostics, progress_log
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.counters import Counters
+from convseq_ros.node.once import Once
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.sources.raw_message import IMAGE, RawMessage
@@ -115,6 +116,15 @@ def test_at_most_20_kinds_of_image_faults_are_logged(setup, image, gray):
         message.encoding = f'mono{number + 100}'
         setup.handle(message, number)
     assert len(setup.logger.warning.call_args_list) == 20
+
+
+def test_pictures_that_are_cut_at_different_bytes_are_one_warning(setup):
+    once = Once(setup.logger)
+    for count in (154_520, 154_501):
+        once.warn(f'/image: data: {count} bytes of a JPEG that is cut short')
+    once.warn('/image: step: 10 bytes is too small')
+    told = [call.args[0] for call in setup.logger.warning.call_args_list]
+    assert len(told) == 2 and '154520 bytes' in told[0] and 'step' in told[1]
 
 
 def test_odometry_that_no_robot_can_have_is_logged_once_and_counted(map_path, path, image, gray):
