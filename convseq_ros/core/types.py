@@ -75,10 +75,6 @@ class Camera:
     distortion: tuple[float, ...] = ()  # its coefficients, in OpenCV's order; empty for none
     mount: Pose | None = None  # in the base, x along the optical axis; None if unknown
 
-    def __post_init__(self) -> None:
-        if not (0 < self.fx_px < math.inf and 0 < self.fy_px < math.inf):
-            raise ValueError(f'fx_px, fy_px: {self.fx_px}, {self.fy_px} are no focal lengths')
-
 
 def check_gray(image: Any) -> None:
     """Raise a ValueError if an image is not an array (H, W) of uint8."""
@@ -90,7 +86,11 @@ def check_gray(image: Any) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One image of a stream."""
+    """
+    One image of a stream.
+
+    ValueError for a stamp that is no integer, or an image that is no array (H, W) of uint8.
+    """
 
     stamp_ns: int  # time of the image
     gray: npt.NDArray[np.uint8] | None  # (H, W); None if the image could not be decoded
@@ -104,7 +104,6 @@ class Frame:
     frame_id: str = ''  # name of the camera's coordinates, as the message has it
 
     def __post_init__(self) -> None:
-        """Take a NumPy stamp as an int; ValueError for another stamp, or an image of others."""
         try:
             stamp_ns = int(operator.index(self.stamp_ns))
         except TypeError:

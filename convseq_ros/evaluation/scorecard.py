@@ -185,17 +185,17 @@ def threshold_figures(verdicts: Verdicts, halves: Sequence[str]) -> Summary:
 
 def ranked(outcome: Outcome) -> SequenceScores:
     """
-    Return ranks of the references (M, R), the higher the better; -inf where there is none.
+    Return scores (M, R) that rank the references; -inf where there is no rank.
 
     The candidates of an answer come first, in their order, then others by their sequence scores.
     """
-    ranks = np.full(outcome.sequence_scores.shape, -np.inf)
-    for row, scores, match in zip(ranks, outcome.sequence_scores, outcome.matches, strict=True):
-        if match.candidates:
-            _, by_score = np.unique(scores, return_inverse=True)
-            np.copyto(row, by_score, where=np.isfinite(scores))
-            places = [one.reference_index for one in match.candidates]
-            row[places] = len(row) + np.arange(len(places), 0, -1)
+    ranks = outcome.sequence_scores.copy()
+    for row, match in zip(ranks, outcome.matches, strict=True):
+        if not match.candidates:
+            row[:] = -np.inf
+        highest = row.max(initial=-np.inf)
+        for candidate in reversed(match.candidates):
+            highest = row[candidate.reference_index] = np.nextafter(highest, np.inf)
     return ranks
 
 

@@ -4,7 +4,7 @@
 
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map_builder import build_map
-from convseq_ros.core.types import Camera, Frame
+from convseq_ros.core.types import Frame
 import numpy as np
 import pytest
 
@@ -41,9 +41,3 @@ def test_a_stamp_that_is_no_integer_of_64_bits_is_refused(stamp_ns):
 def test_an_image_that_is_not_gray_is_refused(change, got):
     with pytest.raises(ValueError, match=rf'expected \(H, W\) uint8, got .*{got}'):
         Frame(1, change(np.zeros((4, 6), np.uint8)))
-
-
-@pytest.mark.parametrize('focal_px', [0.0, -1.0, float('nan'), float('inf')])
-def test_a_camera_without_a_focal_length_is_refused(focal_px):
-    with pytest.raises(ValueError, match='are no focal lengths'):
-        Camera(640, 480, 500.0, focal_px, 320.0, 240.0)
