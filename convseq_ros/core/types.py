@@ -35,10 +35,23 @@ def constants(record: type[Any]) -> Any:
 
 
 @constants
+class IMAGE:
+    """What counts as the same view."""
+
+    stretch: float = 0.02  # by which proportions may differ: rectified images lose a few pixels
+
+
+@constants
 class ROBOT:
     """What a robot can do."""
 
     fastest_mps: float = 40.0  # 144 km/h
+
+
+def are_proportional(size: tuple[int, ...], image: tuple[int, ...]) -> bool:
+    """Return whether a size, (h, w), may be that of an image, (H, W), on another scale."""
+    aspect, wanted = size[1] / size[0], image[1] / image[0]
+    return abs(aspect - wanted) <= IMAGE.stretch * wanted
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.missing import Missing
 from convseq_ros.node.once import Once
 from convseq_ros.node.waiting import Waiting
-from convseq_ros.sources.depth import decode_depth, Depth, KEPT, nearest
+from convseq_ros.sources.depth import decode_depth, Depth, KEPT, nearest, unregistered
 from convseq_ros.sources.raw_message import IMAGE, RawMessage
 from sensor_msgs.msg import Image
 
@@ -62,6 +62,12 @@ class DepthImages:
             self.unreadable += 1
             self._once.warn(f'{self.topic}: {one_line(error)}; its frame has no depth')
             return None
+
+    def check(self, depth_m: Depth, shape: tuple[int, ...]) -> None:
+        """Count and report a depth image that cannot be registered to its image, (H, W)."""
+        if line := unregistered(depth_m, shape):
+            self.unreadable += 1
+            self._once.warn(f'{self.topic}: {line}')
 
     def _on_depth(self, cdr: bytes) -> None:
         message = RawMessage(0, IMAGE, cdr)

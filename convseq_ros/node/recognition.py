@@ -135,6 +135,8 @@ class Recognition:
         depth_m = self.context.depth_at(arrival.topic, arrival.stamp_ns)
         start_ns = time.perf_counter_ns()
         frame = replace(self._decode(arrival), pose=pose, depth_m=depth_m)
+        if depth_m is not None and frame.gray is not None:
+            self.context.depth.check(depth_m, frame.gray.shape)
         return frame, (time.perf_counter_ns() - start_ns) / 1e6
 
     def _answer(self, arrival: Arrival, frame: Frame, before_ms: float) -> None:

@@ -15,7 +15,14 @@ from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources.camera_info import fitted, misfit, read_camera_file
-from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
+from convseq_ros.sources.depth import (
+    Depth,
+    DEPTH_TYPES,
+    DepthAt,
+    DepthFolder,
+    DepthTopic,
+    unregistered,
+)
 from convseq_ros.sources.folder import ImageFolder
 from convseq_ros.sources.mount import as_parameter, mount_of, Tf
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
@@ -84,6 +91,7 @@ class AnnotatedFrames:
             depth_m = self.depth_at(index, frame.stamp_ns) if self.depth_at else None
             if depth_m is not None:
                 lacking.pop(self.depth_of, None)
+                self._check_depth(depth_m, frame)
             yield replace(frame, pose=pose, camera=camera, depth_m=depth_m)
         for name, what in lacking.items() if index >= 0 else ():
             line = (
@@ -92,6 +100,11 @@ class AnnotatedFrames:
             )
             if line not in self.warnings:
                 self.warnings.append(line)
+
+    def _check_depth(self, depth_m: Depth, frame: Frame) -> None:
+        line = '' if frame.gray is None else unregistered(depth_m, frame.gray.shape)
+        if line and (line := f'{self.depth_of}: {line}') not in self.warnings:
+            self.warnings.append(line)
 
 
 class SeveralCameras:

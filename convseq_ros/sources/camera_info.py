@@ -9,12 +9,11 @@ from types import SimpleNamespace
 from typing import Any
 
 from convseq_ros.config.reading_config import AS_YAML, ReadingConfig
-from convseq_ros.core.types import Camera, COEFFICIENTS
+from convseq_ros.core.types import are_proportional, Camera, COEFFICIENTS
 from convseq_ros.errors import ConfigError, one_line, SourceError
 from convseq_ros.io.files import read_text, read_yaml
 
 _PROJECTION = 12  # numbers of a 3 x 4 matrix
-_STRETCH = 0.02  # by which proportions may differ; rectified images lose a few pixels
 # Focal lengths, and distances of the centre, in sides of the image: no lens is beyond.
 _SHORTEST, _LONGEST = 1e-3, 1e6
 
@@ -152,8 +151,7 @@ def correction(message: Any, camera: Camera | None) -> str:
 
 def misfit(camera: Camera, height: int, width: int) -> str:
     """Return a line if a camera is stretched to fit images of another size; else nothing."""
-    stretch = (width / camera.width_px) / (height / camera.height_px)
-    if abs(stretch - 1.0) <= _STRETCH:
+    if are_proportional((camera.height_px, camera.width_px), (height, width)):
         return ''
     return (
         f'camera_info is of {camera.width_px} x {camera.height_px} px and stretched to images of '

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.config.reading_config import ReadingConfig
+from convseq_ros.core.types import are_proportional
 from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.sources.folder import pictures_in, without_depth
 from convseq_ros.sources.images import decoded, picture_bytes, pixels_of
@@ -47,6 +48,17 @@ def decode_depth(message: Any, reading: ReadingConfig = ReadingConfig()) -> Dept
 def metres(numbers: npt.NDArray[Any]) -> Depth:
     """Return depths in metres, given in metres or in whole millimetres."""
     return numbers.astype(np.float32) * (_MM if numbers.dtype.kind == 'u' else np.float32(1))
+
+
+def unregistered(depth_m: Depth, shape: tuple[int, ...]) -> str:
+    """Return a line if a depth image has other proportions than its image; else nothing."""
+    if are_proportional(depth_m.shape, shape):
+        return ''
+    (height, width), (below, across) = depth_m.shape, shape
+    return (
+        f'depth images of {width} x {height} px cannot be registered to images of {across} x '
+        f'{below} px; take those that are, as of a topic aligned_depth_to_color'
+    )
 
 
 class DepthFolder:

@@ -234,6 +234,17 @@ def test_depth_by_another_clock_is_reported_once(heard):
     assert 'newest stamp is 1.5 s later; check that it comes' in told.args[0]
 
 
+def test_depth_of_other_proportions_is_counted_and_told(heard):
+    images, hear = heard
+    hear(depth(SECOND))  # of 6 x 4 px
+    for shape, counted in (((400, 600), 0), ((480, 640), 1)):
+        images.check(images.at(SECOND), shape)
+        assert images.unreadable == counted
+    (told,) = images._once._logger.warning.call_args_list
+    line = '/depth: depth images of 6 x 4 px cannot be registered to images of 640 x 480 px'
+    assert told.args[0].startswith(line)
+
+
 def test_an_invalid_depth_image_is_counted(heard):
     images, hear = heard
     hear(depth(SECOND, encoding='rgb8'))

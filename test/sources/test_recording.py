@@ -260,6 +260,21 @@ def test_depth_by_another_clock_is_told_once(write, pictures):
     assert line.startswith('/depth has no depth image at the time of an image; check that it')
 
 
+@pytest.mark.parametrize(('size', 'told'), [((48, 64), 0), ((36, 64), 1)])
+def test_depth_of_other_proportions_is_told_once(write, pictures, size, told):
+    rows = recordings.drive(pictures)
+    for number in range(len(pictures)):
+        at_ns = recordings.START_NS + number * recordings.STEP_NS
+        data = np.full(size, 1500, '<u2').tobytes()
+        changes = {'height': size[0], 'width': size[1], 'step': 2 * size[1]}
+        rows.append(('/depth', at_ns, depth(0, at_ns, **changes, data=np.frombuffer(data, 'u1'))))
+    source = open_annotated(write('mcap file', rows), '/camera/image_raw', depth='/depth')
+    assert len(list(source)) == len(list(source)) == len(pictures)
+    lines = [line for line in source.warnings if 'cannot be registered' in line]
+    assert len(lines) == told
+    assert all(line.startswith('/depth: depth images of 64 x 36 px') for line in lines)
+
+
 def test_a_folder_of_depth_goes_with_a_folder_of_pictures(tmp_path, pictures):
     images, depths = tmp_path / 'images', tmp_path / 'depth'
     images.mkdir()

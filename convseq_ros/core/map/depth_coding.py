@@ -3,7 +3,7 @@
 """How a map stores depths: one for each region, from a depth image."""
 
 from convseq_ros.core.encoding.regions import REGION
-from convseq_ros.core.types import constants, Doubles, Floats
+from convseq_ros.core.types import are_proportional, constants, Doubles, Floats
 import numpy as np
 
 Depths = Doubles  # (n,), one for each region, metres along the optical axis; NaN if unknown
@@ -17,7 +17,6 @@ class SAMPLE:
     fewest: int = 13  # of these 25 pixels that must have a valid depth
     nearest_m: float = 0.1  # smaller depths are invalid
     furthest_m: float = 1000.0  # larger depths are invalid
-    aspect: float = 0.02  # allowed relative difference from the image's aspect ratio
 
 
 def packed_depths(depth_m: Floats | None, shape: tuple[int, ...], cells: int) -> bytes | None:
@@ -31,8 +30,7 @@ def packed_depths(depth_m: Floats | None, shape: tuple[int, ...], cells: int) ->
     """
     if depth_m is None or depth_m.ndim != 2 or not depth_m.size:
         return None
-    aspect, depth_aspect = shape[1] / shape[0], depth_m.shape[1] / depth_m.shape[0]
-    if abs(depth_aspect - aspect) > SAMPLE.aspect * aspect:
+    if not are_proportional(depth_m.shape, shape):
         return None
     first, side = REGION.span // 2, cells - REGION.span + 1
     shares = (np.arange(side * SAMPLE.grid) + 0.5) / SAMPLE.grid + first
