@@ -328,3 +328,9 @@ def test_importing_the_package_loads_nothing_heavy():
     code = 'import sys, convseq_ros; print({"numpy", "cv2", "yaml"} & sys.modules.keys())'
     result = run(sys.executable, '-c', code)
     assert result.stdout.strip() == 'set()', result.stderr
+
+
+def test_only_solving_loads_gtsam():
+    pytest.importorskip('rclpy', reason='needs ROS')
+    code = 'import convseq_ros.node.vpr_node, sys; print("gtsam" in sys.modules)'
+    assert run(sys.executable, '-c', code).stdout.split()[-1] == 'False'

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a pipeline says once: a map without keypoints, and odometry that no robot can have."""
+"""What a pipeline says of odometry that no robot can have, and of stamps that go back."""
 
 from contextlib import closing
 from dataclasses import replace
@@ -18,40 +18,14 @@ FRAMES = [Frame(number * 10**8, gray) for number, gray in enumerate(walls(30))]
 
 @pytest.fixture
 def opened(tmp_path):
-    """Return a function that builds a map and opens it, each with some values of parameters."""
-
-    def opened(kept, used):
-        path = tmp_path / 'map.db'
-        build_map(FRAMES, path, with_values(CONFIG, kept))
-        return closing(Pipeline(path, with_values(CONFIG, used)))
-
-    return opened
-
-
-@pytest.mark.parametrize(
-    ('kept', 'used', 'is_told'),
-    [
-        ({'keypoints': 0}, {}, True),
-        ({}, {}, False),
-        ({'keypoints': 0}, {'keypoints': 0}, False),  # as asked
-        ({'keypoints': 0}, {'acceptance_rule': 'margin'}, False),  # which does not use them
-    ],
-)
-def test_a_map_without_keypoints_is_reported_if_keypoints_are_needed(
-    opened, tmp_path, kept, used, is_told
-):
-    with opened(kept, used) as pipeline:
-        told = [line for line in pipeline.ignored if 'keypoints' in line]
-    line = (
-        f'{tmp_path / "map.db"} has no keypoints, so alike aisles may be confused; build the map '
-        'again to add them'
-    )
-    assert told == [line] * is_told
+    """Return a function that opens a map with some values of parameters."""
+    build_map(FRAMES, tmp_path / 'map.db', CONFIG)
+    return lambda **used: closing(Pipeline(tmp_path / 'map.db', with_values(CONFIG, used)))
 
 
 @pytest.mark.parametrize('rule', ['auto', 'margin'])
 def test_steps_of_odometry_that_no_robot_can_make_are_counted_and_reported(opened, rule):
-    with opened({}, {'acceptance_rule': rule}) as pipeline:
+    with opened(acceptance_rule=rule) as pipeline:
         cameras = pipeline.cameras
         for number, frame in enumerate(FRAMES):
             pose = Pose((0.1 * number + 12 * (number > 20), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -67,7 +41,7 @@ def is_of_odometry(line):
 
 
 def test_stamps_that_go_back_are_reported(opened):
-    with opened({}, {}) as pipeline:
+    with opened() as pipeline:
         for stamp_ns in (5 * 10**12, 5 * 10**12 - 9 * 10**8):  # late, which is no jump
             pipeline.cameras.process(replace(FRAMES[0], stamp_ns=stamp_ns))
         assert not pipeline.cameras.problems

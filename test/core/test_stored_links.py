@@ -8,7 +8,7 @@ import sqlite3
 from convseq_ros.cli import main
 from convseq_ros.config import make_config
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.edit import unlink, write_new
+from convseq_ros.core.map.edit import write_new
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
@@ -148,21 +148,6 @@ def test_a_page_whose_rows_are_in_a_circle_is_left_out_and_read_once(path):
     path.write_bytes(content)
     opened = open_map(path)
     assert not len(opened.links) and 'from 0 on are damaged' in opened.problem
-
-
-def test_only_links_of_chosen_places_are_removed_and_stay_so(path):
-    whole = made(20, (12, 2), (18, 3))
-    whole.links.add_first(5)
-    save_map(whole, path)
-
-    def marks():
-        links = open_map(path).links
-        unlinked = [place for place in range(20) if links.is_unlinked(place)]
-        return [*links], unlinked, links.is_looked_up(5)
-
-    assert unlink(path, [12, 13]) == 1 and marks() == ([(18, 3)], [12], True)
-    assert unlink(path, [18]) == 1 and marks() == ([], [12, 18], True)
-    assert unlink(path) == 0 and marks() == ([], [], False)
 
 
 def test_editing_keeps_links_among_the_places_that_stay(path, tmp_path):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rolling buffer of query frames and their pair scores (III-A)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 from convseq_ros.core.decision.paper.diagonals import ONE_SESSION, sequence_scores, Values
@@ -35,9 +35,13 @@ class BufferedFrame:
 class QueryBuffer:
     """Keeps the last frames, newest first, and scores each pair once."""
 
-    def __init__(self, matcher: Matcher, bounds: SessionBounds = ONE_SESSION) -> None:
-        self._matcher, self.bounds = matcher, bounds
-        self.frames: list[BufferedFrame] = []
+    def __init__(
+        self,
+        matcher: Matcher,
+        bounds: SessionBounds = ONE_SESSION,
+        frames: Iterable[BufferedFrame] = (),
+    ) -> None:
+        self._matcher, self.bounds, self.frames = matcher, bounds, [*frames]
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -75,15 +79,14 @@ class QueryBuffer:
 
     def with_regions_of_newest(self, count: int) -> 'QueryBuffer':
         """Return the `count` newest frames with the newest's salient regions, to be scored."""
-        shared, salient = QueryBuffer(self._matcher, self.bounds), self.newest.descriptor.salient
-        shared.frames = [self.newest]
+        salient, shared = self.newest.descriptor.salient, [self.newest]
         for frame in self.frames[1:count]:
             if frame.row is not None:
                 descriptor = replace(frame.descriptor, salient=salient)
                 row = np.full(len(frame.row), np.nan, np.float32)
                 frame = BufferedFrame(descriptor, self._matcher.extract(descriptor), row)
-            shared.frames.append(frame)
-        return shared
+            shared.append(frame)
+        return QueryBuffer(self._matcher, self.bounds, shared)
 
     def score(self, count: int, ends: Indices) -> int:
         """
