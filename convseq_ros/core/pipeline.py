@@ -89,7 +89,7 @@ class Pipeline:
         def give_up(error: MapError) -> None:
             self.autosave.give_up(self.path, str(error.__cause__ or error))
 
-        self.recognizer.reference_map.on_loss = give_up
+        self.recognizer.reference_map.outlive_file(give_up)
 
     def warm_up(self) -> None:
         """Prepare the cameras, so that the first frame is as fast as the others."""

@@ -9,7 +9,6 @@ from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.rigid import inverse, Matrix, matrix, turned_by
 from convseq_ros.core.types import constants, Frame, Match, PoseEstimate
 from convseq_ros.node.map_to_odom import MapToOdom
-from convseq_ros.node.odometry_listener import OdometryListener
 import cv2
 import numpy as np
 from rclpy.node import Node
@@ -33,14 +32,13 @@ class MeasuredTransform:
     the worker's thread.
     """
 
-    def __init__(self, node: Node, config: NodeConfig, odometry: OdometryListener) -> None:
+    def __init__(self, node: Node, config: NodeConfig) -> None:
         self._output = MapToOdom(node, config.map_frame, True)
         self._lock = Lock()
         self._moved: Matrix | None = None  # (4, 4), pose of the frame of odometry in the map
         self._covariance = np.zeros((6, 6))  # of the base, in its axes; x, y, z, turns
         self._last = np.eye(4)  # base in odometry, at the last measurement
         self._measured_ns, self._newest_ns, self._outside = 0, 0, 0
-        odometry.on_pose = self._on_odometry
 
     def update(self, frame: Frame, match: Match, estimate: PoseEstimate | None) -> None:
         """Take in a frame, and its match if its pose was measured in metres, by odometry."""
@@ -73,7 +71,8 @@ class MeasuredTransform:
         self._moved, self._last = goal @ inverse(base), base
         self._covariance, self._outside = covariance, 0
 
-    def _on_odometry(self, stamp_ns: int, frame_id: str) -> None:
+    def on_odometry(self, stamp_ns: int, frame_id: str) -> None:
+        """Broadcast the transform at the stamp of a pose of odometry, if it is known."""
         with self._lock:
             moved = self._moved
         if moved is not None:

@@ -29,13 +29,17 @@ class OdometryListener:
     def __init__(self, node: ListeningNode, wait_s: float) -> None:
         self.frame_id = ''
         self.missing = Missing(node.get_logger(), 'pose')
-        self.on_pose: Callable[[int, str], None] = lambda _stamp_ns, _frame_id: None
+        self._on_pose: Callable[[int, str], None] = lambda _stamp_ns, _frame_id: None
         self._node = node
         self._track = PoseTrack(kept=_KEPT)
         self.waiting = Waiting(wait_s)
         self._subscription = FollowingSubscription(
             node, OdometryMessage, 'odom', self._on_odometry, _DEPTH
         )
+
+    def tell(self, on_pose: Callable[[int, str], None]) -> None:
+        """Call this with the stamp and the frame of each pose from now on."""
+        self._on_pose = on_pose
 
     def follow(self, topic: str) -> None:
         """Listen to another topic, and forget the poses so far."""
@@ -96,4 +100,4 @@ class OdometryListener:
             self.waiting.notify()
         if problem:
             self._node.get_logger().warning(f'{self.topic}: {problem}', once=True)
-        self.on_pose(stamp_ns, message.header.frame_id)
+        self._on_pose(stamp_ns, message.header.frame_id)

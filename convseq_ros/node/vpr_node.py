@@ -136,7 +136,8 @@ class VprNode(ManagedNode):
         )
         self._transform = None
         if config.publish_tf:
-            self._transform = MeasuredTransform(self, config, self._frame_context.odometry)
+            self._transform = MeasuredTransform(self, config)
+            self._frame_context.odometry.tell(self._transform.on_odometry)
         self._localization = LocalizationTopics(self, config, self._situation, self._advice)
         self._diagnostics = Diagnostics(
             self, self._counters, self._situation, config.diagnostics_period_s

@@ -22,11 +22,10 @@ OFF = matrix(at(100.0, -20.0, 1.0))  # the frame of odometry in the map
 @pytest.fixture
 def made(monkeypatch):
     """Return the filter; what it publishes is in `sent`."""
-    odometry = SimpleNamespace(on_pose=None)
-    transform = MeasuredTransform(Mock(), NodeConfig(), odometry)
+    transform = MeasuredTransform(Mock(), NodeConfig())
     sent = []
     monkeypatch.setattr(transform._output, 'publish', lambda *all_: sent.append(all_))
-    return SimpleNamespace(transform=transform, odometry=odometry, sent=sent)
+    return SimpleNamespace(transform=transform, sent=sent)
 
 
 def measure(made, seconds, true, drifted=None, has_position=True):
@@ -39,13 +38,13 @@ def measure(made, seconds, true, drifted=None, has_position=True):
 
 
 def test_a_measured_transform_moves_with_odometry(made):
-    made.odometry.on_pose(SECOND, 'odom')
+    made.transform.on_odometry(SECOND, 'odom')
     assert not made.sent and made.transform.values == {}
     measure(made, 1, at(3.0, 1.0, 0.2), has_position=False)
-    made.odometry.on_pose(2 * SECOND, 'odom')
+    made.transform.on_odometry(2 * SECOND, 'odom')
     assert not made.sent  # without a position nothing is known
     measure(made, 2, at(3.0, 1.0, 0.2))
-    made.odometry.on_pose(4 * SECOND, 'odom')
+    made.transform.on_odometry(4 * SECOND, 'odom')
     ((stamp_ns, frame_id, moved),) = made.sent
     assert (stamp_ns, frame_id) == (4 * SECOND, 'odom') and np.allclose(moved, OFF)
     made.transform._output.stamp_ns = stamp_ns
@@ -65,7 +64,7 @@ def test_noise_is_averaged_and_drift_is_followed(made):
         drifted = at(1.01 * step, 0.02 * step, 0.0)
         noisy = at(step + rng.normal(0, 0.1), rng.normal(0, 0.1), rng.normal(0, 0.01))
         measure(made, step, noisy, drifted)
-        made.odometry.on_pose(step * SECOND, 'odom')
+        made.transform.on_odometry(step * SECOND, 'odom')
         base = made.sent[-1][2] @ matrix(drifted)
         errors.append(np.linalg.norm((inverse(OFF @ matrix(true)) @ base)[:3, 3]))
     assert np.median(errors[10:]) < 0.1
@@ -75,11 +74,11 @@ def test_one_wrong_pose_is_passed_over_and_a_moved_robot_is_followed(made):
     for step in (1, 2, 3):
         measure(made, step, at(step))
     measure(made, 4, at(30.0, 5.0), at(4.0))
-    made.odometry.on_pose(4 * SECOND, 'odom')
+    made.transform.on_odometry(4 * SECOND, 'odom')
     assert np.allclose(made.sent[-1][2], OFF, atol=1e-6)
     for step in (5, 6, 7):  # it was carried: odometry did not notice
         measure(made, step, at(step + 30.0), at(step))
-    made.odometry.on_pose(7 * SECOND, 'odom')
+    made.transform.on_odometry(7 * SECOND, 'odom')
     base = made.sent[-1][2] @ matrix(at(7.0))
     assert np.allclose(base, OFF @ matrix(at(37.0)), atol=1e-6)
 
@@ -87,6 +86,6 @@ def test_one_wrong_pose_is_passed_over_and_a_moved_robot_is_followed(made):
 def test_a_backward_clock_jump_restarts_the_measured_transform(made):
     measure(made, 100, at(1.0))
     measure(made, 5, at(2.0, 9.0, math.pi), at(0.0))
-    made.odometry.on_pose(5 * SECOND, 'odom')
+    made.transform.on_odometry(5 * SECOND, 'odom')
     base = made.sent[-1][2] @ matrix(at(0.0))
     assert np.allclose(base, OFF @ matrix(at(2.0, 9.0, math.pi)), atol=1e-6)

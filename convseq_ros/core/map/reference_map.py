@@ -70,8 +70,7 @@ class ReferenceMap:
         self.unreadable, self.unreadable_why = 0, ''
         # The newest image whose keypoints were detected, how many at most, and these.
         self._detected: tuple[Gray, int, StoredKeypoints] | None = None
-        # Called with the error if stored cells cannot be read, which are blank then; None raises.
-        self.on_loss: Callable[[MapError], None] | None = None
+        self._on_loss: Callable[[MapError], None] | None = None
 
     def __len__(self) -> int:
         return len(self.places)
@@ -150,6 +149,10 @@ class ReferenceMap:
         """Set the mount of the camera in sessions that have none; by default the query's."""
         self._usual_mount = mount
 
+    def outlive_file(self, on_loss: Callable[[MapError], None]) -> None:
+        """Call this if stored cells cannot be read, which are blank then; by default, raise."""
+        self._on_loss = on_loss
+
     def take_links(self) -> Links:
         """Remove all links, and return them."""
         taken, self.links = self.links, Links(self.bounds.around)
@@ -195,9 +198,9 @@ class ReferenceMap:
         try:
             return self.pictures(indices)
         except MapError as error:
-            if self.on_loss is None:
+            if self._on_loss is None:
                 raise
-            self.on_loss(error)
+            self._on_loss(error)
         if len(indices) > 1:
             return [self._pictures_or_blank([index])[0] for index in indices]
         has_cells = self.encoding.keeps_cells
