@@ -109,11 +109,11 @@ def _graph(header: dict[str, Any], arrays: dict[str, Any], config: PoseGraphConf
     drives = []
     rows = zip(_spans(header['samples']), _spans(header['keyframes']), strict=True)
     for session, (samples, keys) in zip(header['sessions'], rows, strict=True):
-        drive = Odometry(config, str(session))
-        drive.stamps = arrays['stamps'][samples].tolist()
-        drive.poses = [*full['poses'][samples]]
-        drive.keyframes = arrays['keyframes'][keys].tolist()
-        drive.spread = [(m2, rad2) for m2, rad2 in arrays['spread'][keys].tolist()]
+        stamps, poses = arrays['stamps'][samples].tolist(), full['poses'][samples]
+        spread = map(tuple, arrays['spread'][keys].tolist())
+        drive = Odometry(
+            config, str(session), stamps, poses, arrays['keyframes'][keys].tolist(), spread
+        )
         count, numbers = len(drive.poses), drive.keyframes
         ascending = all(a < b for each in (drive.stamps, numbers) for a, b in pairwise(each))
         if not (ascending and numbers and 0 <= numbers[0] <= numbers[-1] < count):

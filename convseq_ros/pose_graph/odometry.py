@@ -3,6 +3,7 @@
 """The odometry of one drive over time; some of its poses are keyframes."""
 
 from bisect import bisect_right
+from collections.abc import Iterable
 import math
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
@@ -38,12 +39,18 @@ class Odometry:
     keyframes, position (m2) and heading (rad2), since the start of the drive.
     """
 
-    def __init__(self, config: PoseGraphConfig, session: str = '') -> None:
+    def __init__(
+        self,
+        config: PoseGraphConfig,
+        session: str = '',
+        stamps: Iterable[int] = (),
+        poses: Iterable[Matrix] = (),
+        keyframes: Iterable[int] = (),
+        spread: Iterable[tuple[float, float]] = (),
+    ) -> None:
         self.session, self.bridge, self.resets = session, np.eye(4), 0
-        self.stamps: list[int] = []
-        self.poses: list[Matrix] = []
-        self.keyframes: list[int] = []
-        self.spread: list[tuple[float, float]] = []
+        self.stamps, self.poses, self.keyframes = [*stamps], [*poses], [*keyframes]
+        self.spread = [*spread]
         self._config = config
         self._raw = self._newest = self._last_keyframe = np.eye(4)
         self._is_passing = False  # whether the next pose replaces the newest one
