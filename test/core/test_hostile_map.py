@@ -159,6 +159,8 @@ MASKED = '{"image_size_px": 64, "resize": "exact", "image_mask": %s, "image_rota
             for mask in ('"#0000"', '"#ff"', '"#zz"', '"/etc/hostname"', '7')
         ),
         ('about', 'value', "name = 'map_id'", 'x' * 101),
+        ('about', 'value', "name = 'tool'", b'1.0.0'),
+        ('about', 'name', 'length(name) = 4', b'tool'),
         ('sessions', 'id', 'session = 0', 'x' * 101),
         ('sessions', 'camera', 'session = 0', '{'),
         ('sessions', 'camera', 'session = 0', '{"a": 1}'),

@@ -83,6 +83,8 @@ class MapReader:
             self._open()
             self._database.check(path)
             self._about = {name: value for name, value, _ in self._database.checked('about')}
+            if any(type(text) is not str for row in self._about.items() for text in row):
+                raise ValueError('settings: not text')
             self.settings = Settings.from_rows(self._about)
         stored = self.settings.encoding
         requested = without_path(encoding or stored)
