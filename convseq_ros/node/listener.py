@@ -10,12 +10,14 @@ from typing import Any, cast
 
 from convseq_ros.errors import ConfigError, with_traceback
 from convseq_ros.node.conversions import type_name
+from rcl_interfaces.msg import Log
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
 
@@ -119,11 +121,13 @@ class ListeningNode(Node):
     """A node that has a listener."""
 
     def __init__(self, name: str, **kwargs: Any) -> None:
+        # By topic; rclpy's own part of a node publishes the log in C.
+        self._claims: dict[str, type] = {'/rosout': Log}
         super().__init__(name, **kwargs)
-        self.listener, self._claims = Listener(self), dict[str, type]()
+        self.listener = Listener(self)
 
     def claim(self, topic: str, kind: type) -> None:
-        """Raise a ConfigError if a topic is to be heard as two types: in ROS it has one."""
+        """Raise a ConfigError if a topic is to be of two types: in ROS it has one."""
         other = self._claims.setdefault(topic, kind)
         if other is not kind:
             raise ConfigError(
@@ -131,11 +135,16 @@ class ListeningNode(Node):
                 'one of them another topic'
             )
 
+    def create_publisher(self, msg_type: Any, topic: str, *args: Any, **kwargs: Any) -> Publisher:
+        self.claim(self.resolve_topic_name(topic), msg_type)
+        return super().create_publisher(msg_type, topic, *args, **kwargs)
+
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., None], *args: Any, **kwargs: Any
     ) -> Subscription:
         # rclpy's time source raises an error at a time below zero.
         if msg_type is Clock:
+            self.claim(self.resolve_topic_name(topic), Clock)
             callback = partial(self._on_clock, callback)
         return super().create_subscription(msg_type, topic, callback, *args, **kwargs)
 

@@ -44,6 +44,10 @@ def test_a_camera_that_is_named_twice_is_refused():
         (('-r', 'odom:=/camera_info'), {}, '/camera_info: it cannot carry both .*/Odometry and'),
         ((), {'depth_topic': '/odom'}, '/odom: it cannot carry both .*/Odometry and .*/Image'),
         ((), {'image_topics': '/odom'}, '/odom: it cannot carry both'),
+        (('-r', 'image:=/clock'), {'use_sim_time': True}, '/clock: it cannot carry both .*/Clock'),
+        (('-r', 'image:=/diagnostics'), {}, '/diagnostics: it cannot carry both .*/Image and'),
+        (('-r', 'odom:=/vpr_node/answer'), {}, '/vpr_node/answer: it cannot carry both'),
+        (('-r', 'image:=/rosout'), {}, '/rosout: it cannot carry both .*/Log and .*/Image'),
     ],
 )
 def test_one_topic_for_two_types_is_refused(vpr, map_path, words, parameters, told):
