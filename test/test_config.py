@@ -7,7 +7,9 @@ from pathlib import Path
 from convseq_ros.cli.config import all_parameters, markdown, PAPERS, yaml
 from convseq_ros.cli.parameter_file import read_parameter_file
 from convseq_ros.config import Config, flatten, make_config, with_values
+from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.paper import PAPER, paper_parameters
+from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.errors import ConfigError
 import numpy as np
 import pytest
@@ -51,6 +53,15 @@ def test_a_value_that_is_not_allowed_is_refused(name, value, told):
 )
 def test_numbers_of_numpy_are_taken_as_those_of_python(name, value, kind):
     assert type(flatten(make_config({name: value}))[name]) is kind
+
+
+@pytest.mark.parametrize(
+    ('group', 'name'),
+    [(NodeConfig, 'map_frame'), (NodeConfig, 'base_frame'), (PoseGraphConfig, 'map_frame')],
+)
+def test_a_frame_without_a_name_is_refused(group, name):
+    with pytest.raises(ConfigError, match=f'{name}: names no TF frame; the default is '):
+        group(**{name: ' '})
 
 
 def test_the_shipped_parameter_file_holds_the_defaults_of_the_code():

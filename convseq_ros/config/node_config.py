@@ -50,8 +50,9 @@ class NodeConfig(Checked):
     )
     base_frame: str = parameter(
         'base_link', 'TF frame of the robot, whose pose ~/pose and ~/closure report.',
+        is_frame=True,
     )
-    map_frame: str = parameter('map', 'TF frame of the poses in the map.')
+    map_frame: str = parameter('map', 'TF frame of the poses in the map.', is_frame=True)
     position_sigma_m: float = parameter(
         0.5, 'Standard deviation of the positions in the map, which adds to the covariance of '
         '~/pose.', unit='m', low=0.0, high=1000.0, dynamic=True,

@@ -37,6 +37,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     dynamic: bool = False  # whether it may change while a node runs
     is_path: bool = False  # whether it is the name of a file
+    is_frame: bool = False  # whether it is the name of a TF frame
 
     def check(self, value: object) -> Value:
         """Return the value in this type, 1 for 1.0; ConfigError if wrong or out of bounds."""
@@ -52,6 +53,8 @@ class Parameter:
             raise ConfigError(f'{self.name}: {value!r} is not one of {", ".join(self.choices)}')
         if isinstance(value, float) and not math.isfinite(value):
             raise ConfigError(f'{self.name}: {value!r} is not a finite number')
+        if self.is_frame and not str(value).strip():
+            raise ConfigError(f'{self.name}: names no TF frame; the default is {self.default!r}')
         if self.is_path:
             return local(str(value))
         too_low = self.low is not None and value < self.low  # type: ignore[operator]

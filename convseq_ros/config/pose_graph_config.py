@@ -13,7 +13,7 @@ from convseq_ros.config.parameter import Checked, parameter
 class PoseGraphConfig(Checked):
     """Settings of the pose graph: frames, files and the errors of what it is told."""
 
-    map_frame: str = parameter('map', 'TF frame of the corrected poses.')
+    map_frame: str = parameter('map', 'TF frame of the corrected poses.', is_frame=True)
     publish_tf: bool = parameter(
         True, 'Whether the transform from map_frame to the frame of odometry is broadcast on /tf, '
         'where tf2_msgs is installed; it is always on ~/map_to_odom.',
