@@ -46,9 +46,10 @@ def read_pose_file(
     size, stamped = len(rows[0][1]), list[tuple[int, Pose]]()
     for number, words in rows:
         if len(words) != size or size not in (_TUM, _KITTI):
+            remedy = '; separate them by spaces, not by commas' if ',' in words[0] else ''
             raise SourceError(
                 f'{path}, line {number}: {len(words)} numbers; expected {_TUM} (TUM: stamp, '
-                f'position, quaternion) or {_KITTI} (KITTI: a 3 x 4 matrix) in every line'
+                f'position, quaternion) or {_KITTI} (KITTI: a 3 x 4 matrix) in every line{remedy}'
             )
         try:
             stamped.append(_tum(words) if size == _TUM else (number, _kitti(words)))

@@ -89,6 +89,7 @@ def test_a_kitti_rotation_keeps_its_axis_and_angle(tmp_path_factory, numbers):
         ((), 'holds no pose'),
         (('# nothing',), 'holds no pose'),
         (('1 2 3',), 'line 1: 3 numbers'),
+        (('1,0,0,0,0,0,0,1',), 'line 1: 1 numbers; .* by spaces, not by commas'),
         ((AHEAD, '1 2 3'), 'line 2: 3 numbers'),
         ((AHEAD, AHEAD.replace('2.5', 'x')), "line 2: could not convert string to float: 'x'"),
         ((AHEAD, AHEAD.replace('2.5', 'nan')), 'line 2: a number is not finite'),
