@@ -30,7 +30,8 @@ class PoseTrack:
 
     Stamps are nanoseconds, ascending. At least the newest `kept` poses are stored, by default all.
     There is no pose between two that are more than a second apart. Poses that jump are kept only
-    if none of the next few comes back: those of a reset are, outliers are left out.
+    if none of the next few comes back: those of a reset are, outliers are left out. `stamped` are
+    the poses of a whole drive: those that jump at its end are left out, too.
     """
 
     def __init__(self, stamped: Iterable[tuple[int, Pose]] = (), kept: int | None = None) -> None:
@@ -41,6 +42,8 @@ class PoseTrack:
         self.left_out = 0
         for stamp_ns, pose in stamped:
             self.add(stamp_ns, pose)
+        self.left_out += len(self._doubted)
+        self._doubted.clear()
 
     @property
     def last_stamp_ns(self) -> int | None:
@@ -52,7 +55,7 @@ class PoseTrack:
         """What was left out so far, in one line; empty if nothing was."""
         if not self.left_out:
             return ''
-        jump = f'poses that jump faster than {ROBOT.fastest_mps:g} m/s and back'
+        jump = f'poses that jump faster than {ROBOT.fastest_mps:g} m/s, and back or at the end,'
         return f'{jump} are left out ({self.left_out}); look at their source'
 
     def add(self, stamp_ns: int, pose: Pose) -> None:
