@@ -33,7 +33,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.types import Frame, Match, Pose, Reason
 from convseq_ros.errors import MapError, printable
-from convseq_ros.io.output_file import PAGE
+from convseq_ros.io.output_file import ANSWERS, PAGE
 from convseq_ros.io.results import ResultWriter
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.node.process import held
@@ -60,8 +60,8 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments that are common to all kinds of replay."""
     # A table of options reads better in few lines.
     # fmt: off
-    add_output(parser, '--output', default=Path('result.csv'), help='table to write '
-        '(result.csv); FILE.mcap gets what the node would publish (needs ROS)')
+    add_output(parser, '--output', default=Path('result.csv'), kinds=ANSWERS, help='table to '
+        'write (result.csv); FILE.mcap gets what the node would publish (needs ROS)')
     # fmt: on
     add_images(parser)
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')

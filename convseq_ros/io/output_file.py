@@ -14,7 +14,8 @@ _HEAD_BYTES = 512
 _MCAP_HEADER = b'\x89MCAP0\r\n\x01'  # the magic bytes of a recording, and its first record
 PAGE, FIGURE = ('.html', '.htm'), ('.png', '.svg', '.pdf')  # kinds
 ANY = ('',)  # any name; the writer itself refuses what it must not replace
-TEXT = ()  # any name, but only text and recordings of this package are replaced
+TEXT = ()  # any name, but only text is replaced
+ANSWERS = ('.csv', '.mcap')  # only text, and recordings of this package by recordings
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +24,7 @@ class OutputFile:
     A file to write, which replaces a file of that name.
 
     `option` asked for it. `kinds` are the endings that its name may have: `PAGE`, `FIGURE`, `ANY`,
-    or `TEXT`, with which no map, picture or recording of a robot is lost.
+    `ANSWERS` or `TEXT`; with the last two no map, picture or recording of a robot is lost.
     """
 
     option: str
@@ -54,7 +55,7 @@ class OutputFile:
             return 'is read or written by the same command; name another file'
         if self.kinds and not self.path.name.lower().endswith(self.kinds):
             return f'is of no kind that is written; name a {" or ".join(self.kinds)}'
-        if not self.kinds and self._is_of_others():
+        if self.kinds in (TEXT, ANSWERS) and self._is_of_others():
             return (
                 'exists and was not written by this command, perhaps a map or a recording; move '
                 'it, or name another file'
@@ -62,7 +63,7 @@ class OutputFile:
         return ''
 
     def _is_of_others(self) -> bool:
-        """Return whether there is such a file, neither text nor a recording of this package."""
+        """Return whether it exists, and is neither text nor a recording that one replaces."""
         if not self.path.exists():
             return False
         with self.path.open('rb') as file:
@@ -71,7 +72,8 @@ class OutputFile:
         start = size_at + 8
         header = head[start : start + int.from_bytes(head[size_at:start], 'little')]
         is_ours = head.startswith(_MCAP_HEADER) and header.endswith(LIBRARY.encode())
-        return b'\0' in head and not is_ours
+        is_recording = self.kinds == ANSWERS and self.path.suffix == '.mcap'
+        return b'\0' in head and not (is_recording and is_ours)
 
 
 def refuse_outputs(outputs: Iterable[OutputFile], inputs: Iterable[Path] = ()) -> None:

@@ -6,7 +6,8 @@ import os
 import shutil
 
 from convseq_ros.cli import main
-from convseq_ros.io.output_file import LIBRARY, OutputFile
+from convseq_ros.errors import ConfigError
+from convseq_ros.io.output_file import ANSWERS, LIBRARY, OutputFile
 from convseq_ros.io.results import ResultWriter
 import pictures
 import pytest
@@ -18,6 +19,7 @@ OTHER = (
 )
 NO_FILE = 'is not a file, but a device, a pipe or a socket; name a file'
 PAGE = 'is of no kind that is written; name a .html or .htm'
+ANSWER = 'is of no kind that is written; name a .csv or .mcap'
 FIGURE = 'is of no kind that is written; name a .png or .svg or .pdf'
 REPLAY = 'replay drive --map m.db'
 CASES = [
@@ -30,10 +32,12 @@ CASES = [
     ('locate drive/000.png --map m.db --picture a.jpg', '--picture: a.jpg', 'name a .png'),
     (f'{REPLAY} --output m.db', '--output: m.db', ANOTHER),
     (f'{REPLAY} --output ./link.db', '--output: link.db', ANOTHER),
-    (f'{REPLAY} --output other.db', '--output: other.db', OTHER),
-    (f'{REPLAY} --output drive/001.png', '--output: drive/001.png', OTHER),
+    (f'{REPLAY} --output other.db', '--output: other.db', ANSWER),
+    (f'{REPLAY} --output drive/001.png', '--output: drive/001.png', ANSWER),
     (f'{REPLAY} --output robot.mcap', '--output: robot.mcap', OTHER),
     (f'{REPLAY} --tum robot.mcap', '--tum: robot.mcap', OTHER),
+    (f'{REPLAY} --tum ours.mcap', '--tum: ours.mcap', OTHER),
+    (f'{REPLAY} --output a.json', '--output: a.json', ANSWER),
     (f'{REPLAY} --report m.db', '--report: m.db', ANOTHER),
     (f'{REPLAY} --report other.db', '--report: other.db', PAGE),
     (f'{REPLAY} --tum r.csv --output r.csv', '--output: r.csv', ANOTHER),
@@ -69,6 +73,7 @@ def here(tmp_path, monkeypatch):
     (tmp_path / 'results').mkdir()
     (tmp_path / 'link.db').symlink_to('m.db')
     write_mcap(tmp_path / 'robot.mcap', 'convseq_ros', 'libmcap 1.4.0')
+    write_mcap(tmp_path / 'ours.mcap', 'ros2', LIBRARY)
     os.mkfifo(tmp_path / 'pipe')
     return tmp_path
 
@@ -113,4 +118,6 @@ def test_the_target_of_a_symbolic_link_is_replaced_and_the_link_stays(here):
 
 def test_a_recording_of_an_earlier_replay_is_replaced(tmp_path):
     write_mcap(tmp_path / 'a.mcap', 'ros2', LIBRARY)
-    OutputFile('--output', tmp_path / 'a.mcap').refuse()
+    OutputFile('--output', tmp_path / 'a.mcap', ANSWERS).refuse()
+    with pytest.raises(ConfigError, match=r'result_file: .*a.mcap exists and was not written by'):
+        OutputFile('result_file', tmp_path / 'a.mcap').refuse()
