@@ -34,6 +34,7 @@ from convseq_ros.core.types import (
     Reason,
     Row,
 )
+from convseq_ros.errors import ConfigError
 import numpy as np
 
 
@@ -65,7 +66,8 @@ class PlaceRecognizer:
     Raises
     ------
     ConfigError
-        If `describe` is not the map's model, or `matching` needs cells and the map has none.
+        If `reference_map` is no map, `describe` is not its model, or `matching` needs cells and it
+        has none.
 
     """
 
@@ -81,6 +83,8 @@ class PlaceRecognizer:
         leader: 'PlaceRecognizer | None' = None,
         order: StampOrder | None = None,
     ) -> None:
+        if not isinstance(reference_map, ReferenceMap):
+            raise ConfigError(f'expected a map, got {reference_map!r:.80}; open_map opens a file')
         self.reference_map, self.config, self.resets = reference_map, config, 0
         # Only a query's regions are selected by saliency, so this threshold is not the map's.
         threshold = config.encoding.saliency_threshold
@@ -123,6 +127,8 @@ class PlaceRecognizer:
         keyframes (2) and while the robot stands still (3) the last answer is repeated; (4) a
         dropped frame leaves an empty slot in the sequence.
         """
+        if not isinstance(frame, Frame):
+            raise ConfigError(f'expected a Frame, got {type(frame).__name__}')
         self._count += 1
         frame = upright(frame, self._encoding, self.config.robot)
         match = self._match(frame, descriptor)

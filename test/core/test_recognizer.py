@@ -15,8 +15,10 @@ from convseq_ros.config import (
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera, Frame, Reason, Status
+from convseq_ros.errors import ConfigError
 import cv2
 import numpy as np
 from poses import at
@@ -179,6 +181,17 @@ def test_the_shift_is_given_in_cells_in_pixels_and_as_a_turn(reference_map, imag
     assert match.relative_yaw_rad == pytest.approx(-0.2, abs=0.01)
     unknown = PlaceRecognizer(reference_map, config).process(Frame(0, moved))
     assert unknown.shift_px == (0.0, 20.0) and unknown.relative_yaw_rad is None
+    frame = Frame(0, moved, camera=replace(camera, fx_px=0.0))
+    assert PlaceRecognizer(reference_map, config).process(frame).relative_yaw_rad is None
+
+
+def test_what_is_no_map_or_no_frame_is_refused(reference_map):
+    with pytest.raises(ConfigError, match=r"expected a map, got 'm.db'; open_map opens a file"):
+        PlaceRecognizer('m.db')
+    with pytest.raises(ConfigError, match='expected a Frame, got tuple'):
+        PlaceRecognizer(reference_map).process((0, None))
+    with pytest.raises(ConfigError, match='expected a Frame, got tuple'):
+        build_map([(0, None)])
 
 
 @pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])

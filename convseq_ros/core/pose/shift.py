@@ -38,7 +38,7 @@ def with_shift_and_yaw(match: Match, frame: Frame, reference_map: ReferenceMap) 
         return match
     height, width = frame.gray.shape
     moved_px, yaw_rad = shift_px(best.shift, height, width, reference_map.cell_shape[1]), None
-    if camera := frame.camera:
+    if (camera := frame.camera) and camera.fx_px:
         turn = base_between(reference_map.camera_of(best.reference_index, camera), camera)
         yaw_rad = relative_yaw(moved_px, camera) + math.atan2(turn[1, 0], turn[0, 0])
         yaw_rad = math.remainder(yaw_rad, math.tau)
