@@ -9,9 +9,9 @@ from typing import Any
 from ament_index_python.packages import get_package_share_directory
 from convseq_ros.config.parameter import parameters, refuse_unknown
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
+from convseq_ros.errors import ConfigError
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
-from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -23,33 +23,28 @@ DEFAULTS = {'mode': 'online', 'closure_interval_s': '2.0'}
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the arguments, vpr_node and RViz by their own launch file, and pose_graph_node."""
+    """Return the arguments of both nodes, and what starts them and RViz."""
     path = Path(get_package_share_directory('convseq_ros'), 'launch', 'vpr.launch.py')
     vpr = runpy.run_path(str(path))
     known = [*vpr['TOPICS'], *vpr['OTHERS'], *vpr['PARAMETERS']]
-    own = [item for item in GRAPH.values() if item.name not in known]
-    refuse_unknown(vpr['_included_with'](), [*known, *GRAPH], 'no such argument')
-    arguments = [
-        DeclareLaunchArgument(item.name, default_value='', description=item.doc) for item in own
+    arguments = vpr['_arguments'](**DEFAULTS) + [
+        DeclareLaunchArgument(item.name, default_value='', description=item.doc)
+        for item in GRAPH.values()
+        if item.name not in known
     ]
-    # Whatever else is given reaches the included file, too.
-    included = IncludeLaunchDescription(
-        PythonLaunchDescriptionSource(str(path)),
-        launch_arguments=[
-            (name, LaunchConfiguration(name, default=value)) for name, value in DEFAULTS.items()
-        ],
-    )
-    return LaunchDescription([*arguments, included, OpaqueFunction(function=_graph)])
+    start = OpaqueFunction(function=_nodes, args=[vpr, known, vpr['_included_with']()])
+    return LaunchDescription([*arguments, start])
 
 
-def _graph(context: Any) -> list[Node]:
-    """Return pose_graph_node, once it is known which arguments were given."""
+def _nodes(context: Any, vpr: dict[str, Any], known: list[str], names: list[str]) -> list[Node]:
+    """Return the nodes, which all arguments fit: of an error launch leaves started ones alone."""
+    refuse_unknown(names, [*known, *GRAPH], 'no such argument')
 
     def given(name: str) -> str:
-        return str(LaunchConfiguration(name, default='').perform(context))
+        return str(LaunchConfiguration(name).perform(context))
 
     if given('publish_tf').lower() == 'true':
-        raise ValueError('publish_tf: pose_graph_node broadcasts map -> odom; leave it out')
+        raise ConfigError('publish_tf: pose_graph_node broadcasts map -> odom; leave it out')
     chosen = {name: given(name) for name in GRAPH if given(name)}
     if given('map_path') and 'graph_file' not in chosen:
         chosen['graph_file'] = given('map_path') + '.graph'
@@ -57,14 +52,16 @@ def _graph(context: Any) -> list[Node]:
         name: ParameterValue(GRAPH[name].parse(text), value_type=GRAPH[name].type)
         for name, text in chosen.items()
     }
-    values['use_sim_time'] = given('use_sim_time').lower() in ('true', '1')
+    file = Path(given('params_file'))
+    has_section = file.is_file() and 'pose_graph_node:' in file.read_text()
+    values['use_sim_time'] = vpr['_is_true']('use_sim_time', context)
     graph = Node(
         package='convseq_ros',
         executable='pose_graph_node',
         name='pose_graph_node',
         namespace=given('namespace'),
-        parameters=[values],
+        parameters=[*([str(file)] if has_section else []), values],
         remappings=[('odom', given('odom'))] if given('odom') else [],
-        output='screen',
+        **vpr['_running'](context),
     )
-    return [graph]
+    return [*vpr['_nodes'](context, []), graph]

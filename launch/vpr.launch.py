@@ -11,6 +11,7 @@ from ament_index_python.packages import get_package_share_directory
 from convseq_ros.config import core_parameters
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import Parameter, parameters, refuse_unknown
+from convseq_ros.errors import ConfigError
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
@@ -38,6 +39,12 @@ PARAMETERS = {item.name: item for item in (*parameters(NodeConfig), *core_parame
 
 def generate_launch_description() -> LaunchDescription:
     """Return the node and its arguments."""
+    start = OpaqueFunction(function=_nodes, args=[_included_with()])
+    return LaunchDescription([*_arguments(), start])
+
+
+def _arguments(**others: str) -> list[DeclareLaunchArgument]:
+    """Return all arguments; `others` are defaults that are not those of the file."""
     abouts = TOPICS | OTHERS | {name: _about(item) for name, item in PARAMETERS.items()}
     defaults = {
         'params_file': str(_share() / 'config' / 'vpr_node.yaml'),
@@ -45,13 +52,12 @@ def generate_launch_description() -> LaunchDescription:
         'log_level': 'info',
         'respawn': 'false',
         'rviz': 'false',
+        **others,
     }
-    arguments = [
+    return [
         DeclareLaunchArgument(name, default_value=defaults.get(name, ''), description=about)
         for name, about in abouts.items()
     ]
-    start = OpaqueFunction(function=_nodes, args=[_included_with()])
-    return LaunchDescription([*arguments, start])
 
 
 def _nodes(context: Any, names: list[str]) -> list[Node]:
@@ -63,15 +69,14 @@ def _nodes(context: Any, names: list[str]) -> list[Node]:
     def given(name: str) -> str:
         return str(LaunchConfiguration(name).perform(context)) or camera.get(name, '')
 
-    def is_true(name: str) -> bool:
-        return given(name).lower() in ('true', '1')
-
     chosen: dict[str, Any] = {
         name: ParameterValue(item.parse(given(name)), value_type=item.type)
         for name, item in PARAMETERS.items()
         if given(name)  # else as the file of parameters says
     }
     files = [given('params_file')]
+    if not Path(files[0]).is_file():  # else the node starts without it
+        raise ConfigError(f'params_file: {files[0]}: no such file')
     if method := given('method'):
         refuse_unknown([method], ['paper'], 'no such method')
         files.append(str(_share() / 'config' / f'{method}.yaml'))
@@ -80,17 +85,32 @@ def _nodes(context: Any, names: list[str]) -> list[Node]:
         executable='vpr_node',
         name='vpr_node',
         namespace=given('namespace'),
-        parameters=[*files, chosen | {'use_sim_time': is_true('use_sim_time')}],
+        parameters=[*files, chosen | {'use_sim_time': _is_true('use_sim_time', context)}],
         remappings=[(name, given(name)) for name in TOPICS if given(name)],
-        ros_arguments=['--log-level', given('log_level')],
-        respawn=is_true('respawn'),
-        respawn_delay=2.0,
-        output='screen',
+        **_running(context),
     )
-    if not is_true('rviz'):
+    if not _is_true('rviz', context):
         return [node]
     layout = ['-d', _layout(given('namespace'))]
-    return [node, Node(package='rviz2', executable='rviz2', arguments=layout, output='screen')]
+    # First: where it is not installed, launch fails, and leaves alone what it has started.
+    return [Node(package='rviz2', executable='rviz2', arguments=layout, output='screen'), node]
+
+
+def _running(context: Any) -> dict[str, Any]:
+    """Return how each node of this package is run."""
+    return {
+        'ros_arguments': ['--log-level', LaunchConfiguration('log_level').perform(context)],
+        'respawn': _is_true('respawn', context),
+        'respawn_delay': 2.0,
+        'output': 'screen',
+    }
+
+
+def _is_true(name: str, context: Any) -> bool:
+    text = str(LaunchConfiguration(name).perform(context)).lower()
+    if text not in ('true', 'false', '1', '0', ''):
+        raise ConfigError(f'{name}: expected true or false, got {text!r}')
+    return text in ('true', '1')
 
 
 def _camera(name: str) -> dict[str, str]:

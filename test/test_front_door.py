@@ -144,7 +144,7 @@ class IncludeLaunchDescription:
 @pytest.fixture
 def launched(monkeypatch):
     """Return what makes the node of the launch file from the words of a command line."""
-    record_launch(monkeypatch, '/share')
+    record_launch(monkeypatch, str(REPOSITORY))
 
     def make(command, **others):
         """`others` are arguments of a launch file that includes ours."""
@@ -153,7 +153,7 @@ def launched(monkeypatch):
         *arguments, start = including.execute(generate).args[0]
         context = {one.args[0]: one.kwargs['default_value'] for one in arguments}
         context |= dict(including.launch_arguments)
-        node, *beside = start.kwargs['function'](context | others, *start.kwargs['args'])
+        *beside, node = start.kwargs['function'](context | others, *start.kwargs['args'])
         assert {item.name for item in PARAMETERS} < context.keys()
         return node.kwargs | {'beside': [one.kwargs for one in beside]}
 
@@ -168,7 +168,7 @@ def test_the_launch_lines_of_the_readme_set_topics_map_and_mode(launched):
     preloaded, online = commands(README, 'ros2 launch')
     node = launched(preloaded)
     file, chosen = node['parameters']
-    assert file == '/share/config/vpr_node.yaml'
+    assert file == str(REPOSITORY / 'config' / 'vpr_node.yaml')
     assert chosen == {'map_path': 'map.db', 'use_sim_time': False}
     assert ('image', '/camera/image_raw') in node['remappings']
     assert ('odom', '/odom') in node['remappings']
@@ -193,7 +193,7 @@ def test_launch_arguments_set_respawn_log_level_and_rviz(launched):
     node = launched('respawn:=true rviz:=true log_level:=debug')
     assert node['respawn'] and node['ros_arguments'] == ['--log-level', 'debug']
     assert node['beside'][0]['package'] == 'rviz2'
-    assert node['beside'][0]['arguments'] == ['-d', '/share/config/convseq.rviz']
+    assert node['beside'][0]['arguments'] == ['-d', str(REPOSITORY / 'config' / 'convseq.rviz')]
 
 
 @pytest.mark.parametrize(

@@ -14,17 +14,15 @@ LAUNCH = Path(__file__).resolve().parents[1] / 'launch' / 'slam.launch.py'
 
 @pytest.fixture
 def launched(monkeypatch):
-    """Return what makes the included file's arguments and the nodes of given arguments."""
+    """Return what makes the parameters of vpr_node and all nodes of given arguments."""
     record_launch(monkeypatch, str(LAUNCH.parents[1]))
 
     def make(**given):
-        *declared, include, function = generator_of(LAUNCH)().args[0]
+        *declared, start = generator_of(LAUNCH)().args[0]
         context = {one.args[0]: one.kwargs['default_value'] for one in declared} | given
-        passed = {
-            name: value.perform(context) for name, value in include.kwargs['launch_arguments']
-        }
-        assert include.args[0] == LAUNCH.with_name('vpr.launch.py')
-        return passed, [node.kwargs for node in function.kwargs['function'](context)]
+        nodes = start.kwargs['function'](context, *start.kwargs['args'])
+        *_, vpr, graph = [node.kwargs for node in nodes]
+        return vpr['parameters'][-1], graph
 
     return make
 
@@ -41,26 +39,29 @@ def started(vpr):
 
     def make(**given):
         names = [*vpr['TOPICS'], *vpr['OTHERS'], *vpr['PARAMETERS']]
-        (node,) = vpr['_nodes'](dict.fromkeys(names, '') | given, [])
+        file = {'params_file': str(LAUNCH.parents[1] / 'config' / 'vpr_node.yaml')}
+        (node,) = vpr['_nodes'](dict.fromkeys(names, '') | file | given, [])
         return node.kwargs
 
     return make
 
 
 def test_without_arguments_a_map_is_made_online(launched):
-    passed, (graph,) = launched()
-    assert passed['mode'] == 'online' and passed['closure_interval_s'] == '2.0'
+    chosen, graph = launched()
+    assert chosen['mode'] == 'online' and chosen['closure_interval_s'] == 2.0
     assert graph['executable'] == 'pose_graph_node'
     assert graph['parameters'] == [{'use_sim_time': False}]
     assert graph['remappings'] == []
 
 
 def test_the_graph_lies_beside_the_map_and_its_parameters_are_arguments(launched):
-    passed, (graph,) = launched(
+    chosen, graph = launched(
         map_path='home.db', mode='preloaded', odom='/wheels', use_sim_time='true',
-        namespace='robot1', odometry_sigma_m='0.2', map_frame='site',
+        namespace='robot1', odometry_sigma_m='0.2', map_frame='site', respawn='true',
+        log_level='debug',
     )  # fmt: skip
-    assert passed['mode'] == 'preloaded'
+    assert chosen['mode'] == 'preloaded' and chosen['map_frame'] == 'site'
+    assert graph['respawn'] and graph['ros_arguments'] == ['--log-level', 'debug']
     assert graph['parameters'] == [
         {'map_frame': 'site', 'odometry_sigma_m': 0.2, 'graph_file': 'home.db.graph',
          'use_sim_time': True}
@@ -75,7 +76,7 @@ def test_rviz_shows_the_corrected_path_in_the_namespace(vpr):
 
 
 def test_a_camera_sets_its_topics_and_other_arguments_override_them(launched, started):
-    _, (graph,) = launched(camera='zed')
+    _, graph = launched(camera='zed')
     assert graph['remappings'] == []  # it follows the odometry of vpr_node
 
     def told(**given):
@@ -104,5 +105,26 @@ def test_the_papers_method_is_one_argument(started):
 
 
 def test_two_publishers_of_one_transform_are_refused(launched):
-    with pytest.raises(ValueError, match='publish_tf: pose_graph_node broadcasts map -> odom'):
+    with pytest.raises(ConfigError, match='publish_tf: pose_graph_node broadcasts map -> odom'):
         launched(publish_tf='true')
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'told'),
+    [
+        ('params_file', '/none.yaml', '/none.yaml: no such file'),
+        ('use_sim_time', 'maybe', "expected true or false, got 'maybe'"),
+        ('respawn', 'yes', "expected true or false, got 'yes'"),
+    ],
+)
+def test_an_argument_of_launch_that_has_no_effect_is_refused(launched, name, text, told):
+    with pytest.raises(ConfigError, match=f'{name}: {told}'):
+        launched(**{name: text})
+
+
+def test_a_file_of_parameters_counts_for_the_graph_if_it_names_that(launched, tmp_path):
+    file = tmp_path / 'both.yaml'
+    file.write_text('vpr_node: {}')
+    assert launched(params_file=str(file))[1]['parameters'] == [{'use_sim_time': False}]
+    file.write_text('vpr_node: {}\npose_graph_node: {}')
+    assert launched(params_file=str(file))[1]['parameters'][0] == str(file)
