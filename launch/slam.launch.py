@@ -17,7 +17,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 # Arguments of vpr.launch.py with the same name count for both nodes; the graph alone is on TF.
-GRAPH = {item.name: item for item in parameters(PoseGraphConfig) if item.name != 'publish_tf'}
+GRAPH = {item.name: item for item in parameters(PoseGraphConfig)}
 # What a pose graph needs of vpr_node, unless it is given otherwise.
 DEFAULTS = {'mode': 'online', 'closure_interval_s': '2.0'}
 

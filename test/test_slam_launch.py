@@ -107,6 +107,8 @@ def test_the_papers_method_is_one_argument(started):
 def test_two_publishers_of_one_transform_are_refused(launched):
     with pytest.raises(ConfigError, match='publish_tf: pose_graph_node broadcasts map -> odom'):
         launched(publish_tf='true')
+    chosen, graph = launched(publish_tf='false')
+    assert not chosen['publish_tf'] and graph['parameters'][0]['publish_tf'] is False
 
 
 @pytest.mark.parametrize(
