@@ -21,13 +21,16 @@ class PoseGraphConfig(Checked):
     graph_file: str = parameter(
         '', 'File of the graph, loaded at the start if it exists, and written by ~/save and at '
         'the end; keep it beside the map; empty for none.',
+        is_path=True,
     )
     tum_file: str = parameter(
         '', 'File to which ~/save and the end write the corrected keyframes in the format of TUM; '
         'empty for none.',
+        is_path=True,
     )
     g2o_file: str = parameter(
         '', 'File to which ~/save and the end write the graph in the format g2o; empty for none.',
+        is_path=True,
     )
     graph_spacing_m: float = parameter(
         2.0, 'Distance travelled, or turn by 20 degrees instead, after which odometry becomes a '

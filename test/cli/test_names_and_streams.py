@@ -14,6 +14,7 @@ import sys
 from convseq_ros.cli import main
 from convseq_ros.config.arguments import Parser
 from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.config.retired import retired
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.errors import printable
@@ -96,6 +97,9 @@ def test_home_paths_and_file_addresses_are_found(drive, tmp_path, monkeypatch, c
     config = NodeConfig(map_path='~/a.db', result_file=address)
     assert config.map_path == f'{tmp_path}/a.db'
     assert config.result_file == f'{tmp_path}/my map.db'
+    graph = PoseGraphConfig(graph_file='~/a.graph', tum_file='~/a.txt', g2o_file='~/a.g2o')
+    found = graph.graph_file, graph.tum_file, graph.g2o_file
+    assert found == tuple(f'{tmp_path}/a.{kind}' for kind in ('graph', 'txt', 'g2o'))
 
 
 def test_options_have_no_abbreviations():
