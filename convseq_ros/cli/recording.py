@@ -42,7 +42,8 @@ def describe_recording(path: Path, reading: ReadingConfig = ReadingConfig()) -> 
     filled = [topics[name] for name in sorted(topics) if topics[name].count]
     images = _image_topics(filled, storages)
     poses = [topic for topic in filled if topic.type_name in POSE_TYPES]
-    poses.sort(key=lambda topic: POSE_TYPES.index(topic.type_name))
+    # `/odom` first, as the node takes it; others may be the truth, or of another source.
+    poses.sort(key=lambda topic: (POSE_TYPES.index(topic.type_name), topic.name != '/odom'))
     return {
         'recording': str(path),
         'images': sum(topics[name].count for name in images),

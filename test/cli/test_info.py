@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`convseq info` tells what a recording holds, and `build-map` why places have no pose."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 import re
@@ -47,6 +48,13 @@ def test_the_line_to_paste_builds_a_map_with_poses(drive, capsys, tmp_path, monk
     assert main(['info', 'map.db', '--json']) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (len(facts['sessions']), facts['path_m']) == (1, pytest.approx(11.0, abs=0.1))
+
+
+def test_odometry_comes_before_the_truth(tmp_path):
+    shots = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))[:2]
+    measured = [replace(shot, odometry=shot.pose) for shot in shots]
+    write_drive(tmp_path / 'drive', measured, odom_topic='/odom')
+    assert describe_recording(tmp_path / 'drive')['use']['--odom'] == ['/odom', '/ground_truth']
 
 
 def test_info_without_a_file_lists_the_installed_versions(capsys):
