@@ -7,6 +7,7 @@ import runpy
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
+from convseq_ros.config.arguments import local
 from convseq_ros.config.parameter import parameters, refuse_unknown
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.errors import ConfigError
@@ -52,7 +53,7 @@ def _nodes(context: Any, vpr: dict[str, Any], known: list[str], names: list[str]
         name: ParameterValue(GRAPH[name].parse(text), value_type=GRAPH[name].type)
         for name, text in chosen.items()
     }
-    file = Path(given('params_file'))
+    file = Path(local(given('params_file')))
     has_section = file.is_file() and 'pose_graph_node:' in file.read_text()
     values['use_sim_time'] = vpr['_is_true']('use_sim_time', context)
     graph = Node(

@@ -9,6 +9,7 @@ from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from convseq_ros.config import core_parameters
+from convseq_ros.config.arguments import local
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import Parameter, parameters, refuse_unknown
 from convseq_ros.errors import ConfigError
@@ -74,7 +75,7 @@ def _nodes(context: Any, names: list[str]) -> list[Node]:
         for name, item in PARAMETERS.items()
         if given(name)  # else as the file of parameters says
     }
-    files = [given('params_file')]
+    files = [local(given('params_file'))]
     if not Path(files[0]).is_file():  # else the node starts without it
         raise ConfigError(f'params_file: {files[0]}: no such file')
     if method := given('method'):

@@ -124,9 +124,12 @@ def test_an_argument_of_launch_that_has_no_effect_is_refused(launched, name, tex
         launched(**{name: text})
 
 
-def test_a_file_of_parameters_counts_for_the_graph_if_it_names_that(launched, tmp_path):
+def test_a_file_of_parameters_counts_for_the_graph_if_it_names_that(
+    launched, tmp_path, monkeypatch
+):
     file = tmp_path / 'both.yaml'
     file.write_text('vpr_node: {}')
     assert launched(params_file=str(file))[1]['parameters'] == [{'use_sim_time': False}]
     file.write_text('vpr_node: {}\npose_graph_node: {}')
-    assert launched(params_file=str(file))[1]['parameters'][0] == str(file)
+    monkeypatch.setenv('HOME', str(tmp_path))
+    assert launched(params_file='~/both.yaml')[1]['parameters'][0] == str(file)
