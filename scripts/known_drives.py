@@ -23,12 +23,13 @@ from convseq_ros.evaluation.protocols import kept_halves
 from convseq_ros.simulation.street import Street
 from convseq_ros.sources.folder import ImageFolder
 from drawn_drives import drawn, Pair, PAIRS
+from drives import HOUR_NS, START_NS
 import laps
 import numpy as np
 
 RIGHT, WRONG = 5.0, 15.0
 TWIN = 1e6  # position where a twin aisle begins
-REVERSE_M = 200  # driven in reverse gear
+STREET_M = 200  # driven in reverse gear, or into the night
 PIECE, STEP_NS = 30, 10**8  # images between jumps, and between images
 Shown = list[tuple[Frame, float]]  # with positions
 
@@ -155,11 +156,23 @@ def of_aisles(seed: int, light: str, changes: dict[str, Any], what: str) -> Driv
 
 def in_reverse(street: int, changes: dict[str, Any]) -> Drive:
     """Return a drive in reverse gear, 3 m to the side and in the evening, of a street by day."""
-    mapped = both_ways.mapped_by_day(street, REVERSE_M)
-    back = both_ways.driven_back(street, REVERSE_M, both_ways.FRONT, 0.0, 3.0, 'evening')
+    mapped = both_ways.mapped_by_day(street, STREET_M)
+    back = both_ways.driven_back(street, STREET_M, both_ways.FRONT, 0.0, 3.0, 'evening')
     queries = [(replace(frame, pose=None), at_m) for at_m, frame in back]
     shown = [(frame, at_m) for at_m, frame in mapped]
     return Drive(f'in reverse {street}', shown, queries, config_of(changes))
+
+
+def into_night(street: int, changes: dict[str, Any]) -> Drive:
+    """Return a drive by day, and an hour later twice by night, of a street by day."""
+    mapped = [(frame, at_m) for at_m, frame in both_ways.mapped_by_day(street, STREET_M)]
+    queries = []
+    for number, light in enumerate(('day', 'night', 'night'), start=1):
+        how = {'light': light, 'noise': 2.0, 'seed': 10 * street + number, 'start_m': 10.4}
+        how |= {'lane_offset_m': both_ways.LANE_M + 0.5, 'start_ns': START_NS + number * HOUR_NS}
+        shown = both_ways.driven(street, STREET_M, both_ways.FRONT, **how)
+        queries += [(replace(frame, pose=None), at_m) for at_m, frame in shown]
+    return Drive(f'into night {street}', mapped, queries, config_of(changes))
 
 
 def _counted(folder: Path) -> Shown:
@@ -182,12 +195,13 @@ def real(data: Path, changes: dict[str, Any]) -> list[Make]:
 
 
 def more(data: Path | None, changes: dict[str, Any]) -> list[Make]:
-    """Return drives that map their own way, go in reverse gear, jump, or have a twin."""
+    """Return drives that map their own way, reverse, go into the night, jump, or have a twin."""
     found: list[Make] = [partial(own_street, PAIRS[at], changes) for at in (2, 9, 11)]
     for seed, light in ((1, 'day'), (2, 'evening')):
         found += [partial(of_aisles, seed, light, changes, what) for what in ('only A', 'turned')]
     found.append(partial(of_aisles, 1, 'day', changes, 'both'))
     found += [partial(in_reverse, street, changes) for street in (1, 2)]
+    found.append(partial(into_night, 3, changes))
     if data:
         corridor = partial(of_corridor, data / 'corridor', changes)
         of = partial(of_laps, data / 'laps', changes)

@@ -105,7 +105,10 @@ class BeliefDecider(Decider):
             observed.keypoints,
         )
         query.buffer.note(compared.row, self._evidence(observed))
-        return replace(self._answer(query, observed), pairs_scored=compared.pairs_scored)
+        answer = self._answer(query, observed)
+        if answer.reason is not Reason.ACCEPTED:
+            self._usual.forget()
+        return replace(answer, pairs_scored=compared.pairs_scored)
 
     def _evidence(self, observed: Observation) -> float:
         """Return the log ratio by which a frame speaks for the likeliest place, at least 0."""

@@ -34,6 +34,8 @@ class KEYPOINTS:
     # Share of the mass of a place that takes its usual lead anew, per keyframe; also the weight of
     # the last match in what is learned of the drive.
     changing: float = 0.1
+    # Of what is learned: lost per keyframe without a match, for what the light lets expect.
+    forgetting: float = 0.002
     copies: float = 0.001  # share of mass that enters the map at a copy of a place
     sigma: float = 1.6  # of the leads of true places, and of others about 0
     floor: float = 2.0  # blocks that a rival has at least
@@ -99,8 +101,19 @@ class UsualLead:
         floored = np.maximum(learned, _at_first(0.0).min())
         self._learned[is_current] = floored / floored.sum()
 
+    def forget(self) -> None:
+        """
+        Forget a little of what is learned, in favour of what the light lets expect.
+
+        Otherwise, a drive that has learned large leads by day denies all places by night, and so
+        does not learn.
+        """
+        for is_current, learned in self._learned.items():
+            first = self._first(is_current)
+            self._learned[is_current] = learned + KEYPOINTS.forgetting * (first - learned)
+
     def _first(self, is_current: bool) -> Doubles:
-        """Return the probabilities (5,) of the usual leads before the first match."""
+        """Return the probabilities (5,) of the usual leads that the light lets expect."""
         return _at_first(0.0 if is_current else self.difference)
 
     def _by_place(self, is_current: Flags) -> Doubles:

@@ -126,6 +126,20 @@ def test_a_silent_lead_keeps_its_probability_after_a_thousand_matches():
     assert learned.sum() == pytest.approx(1)
 
 
+def test_what_is_learned_by_day_is_forgotten_at_night_without_a_match():
+    usual = UsualLead()
+    usual.difference = 0.0
+    for _ in range(100):
+        usual.learn(np.array([0.0, 0.0, 0.1, 0.8, 0.1]), is_current=False)
+    learned = usual.probabilities(is_current=False)
+    usual.difference = 1.0
+    assert usual.probabilities(is_current=False) == pytest.approx(learned)
+    for _ in range(50):
+        usual.forget()
+    expected = first(0) + 0.998**50 * (learned - first(0))  # so silence has 0.07, not 0.0003
+    assert usual.probabilities(is_current=False) == pytest.approx(expected)
+
+
 def test_ratios_of_a_lead_are_those_worked_by_hand():
     assert ratios_of(0.0) == pytest.approx(
         [1, *(math.exp(-(one**2) / 5.12) for one in USUAL[1:]), 1]
