@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip('launch_ros', reason='launch and launch_ros come with ROS, not from PyPI')
 
+import launch
 from launch import LaunchDescription, LaunchService
 from launch.actions import EmitEvent, IncludeLaunchDescription, RegisterEventHandler
 from launch.event_handlers import OnProcessStart
@@ -64,7 +65,10 @@ def test_arguments_reach_the_node_in_the_type_of_the_parameter():
 
 
 @pytest.mark.parametrize('kind', ['vpr.launch.py', 'own.launch.xml'])
-def test_a_launch_file_that_includes_ours_has_its_own_arguments(tmp_path, kind, caplog):
+def test_a_launch_file_that_includes_ours_has_its_own_arguments(
+    tmp_path, kind, caplog, monkeypatch
+):
+    monkeypatch.setattr(launch.logging.get_logger('launch'), 'propagate', True)
     own = tmp_path / kind
 
     def write(**words):
