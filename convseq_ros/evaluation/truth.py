@@ -102,22 +102,25 @@ def read_pairs(
     on, or file names. Under other names, the first two columns are meant; a table needs no names.
     A cell may hold several references. SourceError if it cannot be read.
     """
-    text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
+    query_of, reference_of = (
+        _numbers(names, first_index) for names in (query_names, reference_names)
+    )
+    reader = csv.reader(io.StringIO(read_text(path, 'a CSV table', reading), newline=''))
     try:
-        rows = [row for row in csv.reader(text) if any(cell.strip() for cell in row)]
+        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error:
         raise SourceError(f'{path}: not a CSV table; check the file') from None
-    frame_of = [_numbers(query_names, first_index), _numbers(reference_names, first_index)]
-    names, lines = [cell.strip().lower() for cell in rows[0]] if rows else [], rows[1:]
+    first = [cell.strip() for cell in rows[0][1]] if rows else []
+    names, lines = [cell.lower() for cell in first], rows[1:]
     with suppress(LookupError):
-        frame_of[0](names[0])
+        query_of(first[0])
         names, lines = ['query', 'reference'], rows
     columns = _columns(names, path)
     pairs = []
-    for line, row in enumerate(lines, 1 + len(rows) - len(lines)):
+    for line, row in lines:
         try:
             query, references, *tolerance = (row[column].strip() for column in columns)
-            found = [[frame_of[0](query), frame_of[1](cell)] for cell in references.split()]
+            found = [[query_of(query), reference_of(cell)] for cell in references.split()]
             pairs += [[*pair, *map(_count, tolerance)] for pair in found]
         except (LookupError, ValueError):
             raise SourceError(

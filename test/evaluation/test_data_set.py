@@ -216,6 +216,12 @@ def test_columns_of_a_table_are_those_of_its_names_and_without_names_the_first_t
     assert read_pairs(write(tmp_path / 'gt.csv', text), NAMES, NAMES).tolist() == [[1, 2], [0, 3]]
 
 
+def test_a_table_without_names_may_begin_with_an_image_in_capitals(tmp_path):
+    table = write(tmp_path / 'gt.csv', 'IMG_1.JPG,IMG_2.JPG\n0,1\n')
+    names = ['IMG_1.JPG', 'IMG_2.JPG']
+    assert read_pairs(table, names, names).tolist() == [[0, 1], [0, 1]]
+
+
 def test_the_tolerance_of_a_table_may_stand_first(tmp_path):
     table = write(tmp_path / 'gt.csv', 'tolerance,frame,revisits\n7,1,2\n')
     assert read_pairs(table, NAMES, NAMES).tolist() == [[1, 2, 7]]
@@ -228,6 +234,7 @@ def test_the_tolerance_of_a_table_may_stand_first(tmp_path):
         ('query;reference\n0;0\n', 'query, reference, with commas between'),
         ('frame,reference\n0,0\n', 'the columns query, reference'),
         ('query,reference\n1\n', 'line 2'),
+        ('query,reference\n\n1,2\n1\n', 'line 4'),
         ('query,reference\n1,elsewhere\n', 'line 2 .1,elsewhere. names no frames'),
         ('query,reference\n1,0.7\n', 'names no frames'),
         ('query,reference\n1,1_0\n', 'names no frames'),
