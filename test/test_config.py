@@ -33,6 +33,7 @@ def test_flat_values_round_trip():
         ('fixed_length', 101, r'fixed_length: 101 is outside 0 .. 100'),
         ('min_margin', -0.1, r'min_margin: -0.1 is outside 0 .. 1'),
         ('min_margin', float('nan'), 'not a finite number'),
+        ('min_margin', 10**400, 'min_margin: expected float'),
         ('fixed_length', 2.5, 'expected int, got 2.5'),
         ('fixed_length', True, 'expected int, got True'),
         ('min_confidence', 'high', "expected float, got 'high'"),

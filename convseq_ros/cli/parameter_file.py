@@ -55,7 +55,7 @@ def _sections(tree: Mapping[Any, Any], above: str = '') -> Iterator[tuple[str, d
     for name, below in tree.items():
         if not isinstance(below, dict):
             continue
-        if name == 'ros__parameters':
+        if name == 'ros__parameters' and above:
             yield above, below
         else:
             yield from _sections(below, f'{above}/{str(name).strip("/")}')

@@ -4,6 +4,7 @@
 
 import argparse
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 import difflib
 import math
@@ -40,10 +41,11 @@ class Parameter:
     is_frame: bool = False  # whether it is the name of a TF frame
 
     def check(self, value: object) -> Value:
-        """Return the value in this type, 1 for 1.0; ConfigError if wrong or out of bounds."""
+        """Return the value in this type, 1 as 1.0; ConfigError if wrong or out of bounds."""
         kind = _NUMBERS.get(self.type)
         if kind and isinstance(value, kind) and not isinstance(value, bool):
-            value = self.type(value)  # also of NumPy
+            with suppress(OverflowError):  # an integer may be beyond all floats
+                value = self.type(value)  # also of NumPy
         if type(value) is not self.type:
             raise ConfigError(
                 f'{self.name}: expected {self.type.__name__}, got {value!r}; '

@@ -58,3 +58,8 @@ def test_sections_of_several_nodes_are_refused_by_name(read, text, named):
 def test_a_file_of_other_nodes_is_refused_with_their_names(read):
     with pytest.raises(ConfigError, match=r'vpr_node or /\*\*, but with /a/ekf, /b; `convseq'):
         read('a: {ekf: {ros__parameters: {mode: 2d, rate: 3}}}\nb: {ros__parameters: {}}')
+
+
+def test_parameters_of_no_node_are_refused_as_ros_does(read):
+    with pytest.raises(ConfigError, match='not a ROS parameter file'):
+        read('ros__parameters: {fixed_length: 3}')
