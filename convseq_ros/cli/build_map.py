@@ -177,16 +177,8 @@ def build(
     for name, number, source in sessions:
         is_first, before = source is sessions[0][2], counts.frames
         with held():
-            builder = MapBuilder(
-                path,
-                of_camera(config, number),
-                append or not is_first,
-                name,
-                pose_frame,
-                links,
-                max_looks,
-                model,
-            )
+            adds, own = append or not is_first, of_camera(config, number)
+            builder = MapBuilder(path, own, adds, name, pose_frame, links, max_looks, model)
             if is_first and builder.problem:
                 report(builder.problem)
             frames = source if on_warning else progress(source, len(source), path.name)

@@ -91,15 +91,18 @@ class Cameras:
     @property
     def problems(self) -> list[str]:
         """What is wrong with odometry and with stamps, one line each."""
-        jumps = (
-            f'odometry has steps faster than {ROBOT.fastest_mps:g} m/s, which count as no '
-            'motion, though places keep their poses; check its unit, its source and its resets'
-        )
-        resets = (
-            'the stamps of images went back by more than a second: the robot may be anywhere, and '
-            'what follows is a drive of its own'
-        )
-        return [jumps] * (self.odometry_jumps > 0) + [resets] * (self.resets > 0)
+        lines = []
+        if self.odometry_jumps:
+            lines.append(
+                f'odometry has steps faster than {ROBOT.fastest_mps:g} m/s, which count as no '
+                'motion, though places keep their poses; check its unit, its source and its resets'
+            )
+        if self.resets:
+            lines.append(
+                'the stamps of images went back by more than a second: the robot may be anywhere, '
+                'and what follows is a drive of its own'
+            )
+        return lines
 
     @property
     def resets(self) -> int:

@@ -121,7 +121,7 @@ class PlaceRecognizer:
 
         Frames come in order. A frame up to a second late is skipped. A later one means that the
         clock jumped back: the buffer is emptied and a new session begins. `descriptor` is that of
-        the frame, if it is already computed.
+        the frame, if it is already computed. ConfigError for anything but a `Frame`.
 
         Departures from the paper: (1) in online mode the frame is then added to the map; between
         keyframes (2) and while the robot stands still (3) the last answer is repeated; (4) a

@@ -91,10 +91,10 @@ class Camera:
 
 def check_gray(image: Any) -> None:
     """Raise a ValueError if an image is not an array (H, W) of uint8."""
-    kind = f'{getattr(image, "shape", type(image).__name__)} {getattr(image, "dtype", "")}'.strip()
     is_array = isinstance(image, np.ndarray)
     if not is_array or image.ndim != 2 or image.dtype != np.uint8 or image.size == 0:
-        raise ValueError(f'expected (H, W) uint8, got {kind}')
+        got = f'{image.shape} {image.dtype}' if is_array else type(image).__name__
+        raise ValueError(f'expected (H, W) uint8, got {got}')
 
 
 @dataclass(frozen=True, slots=True)

@@ -88,10 +88,10 @@ class ImageSubscription(FollowingSubscription):
         if type_name(self.kind) in types:
             return f'{self.topic} has {len(types)} publisher(s), but none sends'
         if types:
+            remedy = 'let image_topics name' if self._is_named else 'remap `image` to'
             return (
-                f'{self.topic} carries {", ".join(sorted(set(types)))}; '
-                f'{"let image_topics name" if self._is_named else "remap `image` to"} a topic '
-                f'of {type_name(Image)} or {type_name(CompressedImage)}'
+                f'{self.topic} carries {", ".join(sorted(set(types)))}; {remedy} a topic of '
+                f'{type_name(Image)} or {type_name(CompressedImage)}'
             )
         if self._is_named:
             return f'{self.topic} has no publisher; look at its driver, or at image_topics'

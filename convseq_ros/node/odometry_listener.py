@@ -38,7 +38,7 @@ class OdometryListener:
         )
 
     def tell(self, on_pose: Callable[[int, str], None]) -> None:
-        """Call this with the stamp and the frame of each pose from now on."""
+        """Call `on_pose` with the stamp and the frame of each pose from now on."""
         self._on_pose = on_pose
 
     def follow(self, topic: str) -> None:

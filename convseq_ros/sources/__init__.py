@@ -15,14 +15,7 @@ from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources.camera_info import fitted, misfit, read_camera_file
-from convseq_ros.sources.depth import (
-    Depth,
-    DEPTH_TYPES,
-    DepthAt,
-    DepthFolder,
-    DepthTopic,
-    unregistered,
-)
+from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic, unregistered
 from convseq_ros.sources.folder import ImageFolder
 from convseq_ros.sources.mount import as_parameter, mount_of, Tf
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
@@ -85,25 +78,23 @@ class AnnotatedFrames:
             if self.camera_of and frame.gray is not None:
                 if described is None:
                     described = replace(self.camera_of(*frame.gray.shape), mount=self.mount)
-                    if (line := misfit(described, *frame.gray.shape)) not in self.warnings:
-                        self.warnings += [line] if line else []
+                    self._warn(misfit(described, *frame.gray.shape))
                 camera = fitted(described, *frame.gray.shape)
             depth_m = self.depth_at(index, frame.stamp_ns) if self.depth_at else None
             if depth_m is not None:
                 lacking.pop(self.depth_of, None)
-                self._check_depth(depth_m, frame)
+                if frame.gray is not None and (line := unregistered(depth_m, frame.gray.shape)):
+                    self._warn(f'{self.depth_of}: {line}')
             yield replace(frame, pose=pose, camera=camera, depth_m=depth_m)
         for name, what in lacking.items() if index >= 0 else ():
-            line = (
+            self._warn(
                 f'{name} has no {what} at the time of an image; check that it covers the drive, '
                 'and that both clocks agree'
             )
-            if line not in self.warnings:
-                self.warnings.append(line)
 
-    def _check_depth(self, depth_m: Depth, frame: Frame) -> None:
-        line = '' if frame.gray is None else unregistered(depth_m, frame.gray.shape)
-        if line and (line := f'{self.depth_of}: {line}') not in self.warnings:
+    def _warn(self, line: str) -> None:
+        """Add a line to the warnings, once; an empty one is none."""
+        if line and line not in self.warnings:
             self.warnings.append(line)
 
 

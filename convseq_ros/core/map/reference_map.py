@@ -150,7 +150,7 @@ class ReferenceMap:
         self._usual_mount = mount
 
     def outlive_file(self, on_loss: Callable[[MapError], None]) -> None:
-        """Call this if stored cells cannot be read, which are blank then; by default, raise."""
+        """Call `on_loss` with the error if stored cells cannot be read, which are blank then."""
         self._on_loss = on_loss
 
     def take_links(self) -> Links:
