@@ -22,9 +22,9 @@ Printed by `convseq config --markdown`. They are the same for the node (`-p NAME
 error. Those marked * may change while the node runs; each change is logged. The others are read
 at the start: places of the map, and what the node knows of earlier frames, are made with those of
 images, matching and keyframes; files, topics and TF frames are opened then; ~/load_map changes
-the map. `build-map` takes those of keyframes and motion, `image_size_px`, `resize`, `image_mask`,
-`image_rotation_deg`, `camera_to_base`, `max_image_mpx` and `max_file_mb`, as options or of the
-same `--config FILE`.
+the map. `build-map` takes `keyframe_...`, `keypoints`, `keep_images_px`, `stationary_m`,
+`image_size_px`, `resize`, `image_mask`, `image_rotation_deg`, `descriptor_model`, `matching`,
+`camera_to_base`, `max_image_mpx` and `max_file_mb`, as options or of the same `--config FILE`.
 
 """
 DEFAULTS = 'Every parameter of vpr_node with its default; printed by `convseq config`.'
