@@ -57,8 +57,8 @@ class OutputFile:
             return f'is of no kind that is written; name a {" or ".join(self.kinds)}'
         if self.kinds in (TEXT, ANSWERS) and self._is_of_others():
             return (
-                'exists and was not written by this command, perhaps a map or a recording; move '
-                'it, or name another file'
+                'holds what is not replaced, perhaps a map or a recording; move it, or name '
+                'another file'
             )
         return ''
 
@@ -68,12 +68,16 @@ class OutputFile:
             return False
         with self.path.open('rb') as file:
             head = file.read(_HEAD_BYTES)
-        size_at = len(_MCAP_HEADER)
-        start = size_at + 8
-        header = head[start : start + int.from_bytes(head[size_at:start], 'little')]
-        is_ours = head.startswith(_MCAP_HEADER) and header.endswith(LIBRARY.encode())
         is_recording = self.kinds == ANSWERS and self.path.suffix == '.mcap'
-        return b'\0' in head and not (is_recording and is_ours)
+        return b'\0' in head and not (is_recording and _is_ours(head))
+
+
+def _is_ours(head: bytes) -> bool:
+    """Return whether a file that begins so is a recording whose header ends with `LIBRARY`."""
+    size_at = len(_MCAP_HEADER)
+    start = size_at + 8
+    header = head[start : start + int.from_bytes(head[size_at:start], 'little')]
+    return head.startswith(_MCAP_HEADER) and header.endswith(LIBRARY.encode())
 
 
 def refuse_outputs(outputs: Iterable[OutputFile], inputs: Iterable[Path] = ()) -> None:

@@ -13,10 +13,7 @@ import pictures
 import pytest
 
 ANOTHER = 'is read or written by the same command; name another file'
-OTHER = (
-    'exists and was not written by this command, perhaps a map or a recording; move it, or name '
-    'another file'
-)
+OTHER = 'holds what is not replaced, perhaps a map or a recording; move it, or name another file'
 NO_FILE = 'is not a file, but a device, a pipe or a socket; name a file'
 PAGE = 'is of no kind that is written; name a .html or .htm'
 ANSWER = 'is of no kind that is written; name a .csv or .mcap'
