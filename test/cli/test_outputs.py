@@ -116,5 +116,5 @@ def test_the_target_of_a_symbolic_link_is_replaced_and_the_link_stays(here):
 def test_a_recording_of_an_earlier_replay_is_replaced(tmp_path):
     write_mcap(tmp_path / 'a.mcap', 'ros2', LIBRARY)
     OutputFile('--output', tmp_path / 'a.mcap', ANSWERS).refuse()
-    with pytest.raises(ConfigError, match=r'result_file: .*a.mcap exists and was not written by'):
+    with pytest.raises(ConfigError, match=r'result_file: .*a.mcap holds what is not replaced'):
         OutputFile('result_file', tmp_path / 'a.mcap').refuse()
