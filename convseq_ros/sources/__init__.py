@@ -2,20 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where frames come from: folders of pictures, ROS recordings and videos."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from functools import partial
-import heapq
 from itertools import starmap
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.core.types import Camera, Frame, Pose
+from convseq_ros.core.types import Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.io.regular_file import refuse_irregular
-from convseq_ros.sources.camera_info import fitted, misfit, read_camera_file
-from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic, unregistered
+from convseq_ros.sources.annotated_frames import AnnotatedFrames, CameraOf
+from convseq_ros.sources.camera_info import read_camera_file
+from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
 from convseq_ros.sources.folder import ImageFolder
 from convseq_ros.sources.mount import as_parameter, mount_of, Tf
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
@@ -28,91 +27,9 @@ from convseq_ros.sources.recording import (
     TopicMessages,
 )
 from convseq_ros.sources.recording_names import holds_recording
+from convseq_ros.sources.several_cameras import SeveralCameras
+from convseq_ros.sources.source import Source as Source  # public here
 from convseq_ros.sources.video import Video, VIDEO_SUFFIXES
-
-CameraOf = Callable[[int, int], Camera]  # from an image's height and width in pixels
-
-
-class Source(Protocol):
-    """A stream of frames that can be read more than once."""
-
-    name: str  # of the folder or recording
-    topic: str  # of the images; empty for a folder
-    warnings: list[str]  # for the user, one line each; grows while the source is read
-
-    def __len__(self) -> int:
-        """Return the expected number of frames, by an index or a directory."""
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Yield the frames in order; each call starts anew."""
-
-
-@dataclass(eq=False)
-class AnnotatedFrames:
-    """The frames of a source with their poses, depth images and the camera that took them."""
-
-    source: Source
-    pose_at: PoseAt | None
-    camera_of: CameraOf | None
-    depth_at: DepthAt | None = None
-    poses_of: str = ''  # topic or file
-    mount: Pose | None = None  # of the camera, if it is known
-    depth_of: str = ''  # topic or folder
-
-    def __post_init__(self) -> None:
-        self.name, self.topic = self.source.name, self.source.topic
-        self.warnings = self.source.warnings
-
-    def __len__(self) -> int:
-        return len(self.source)
-
-    def __iter__(self) -> Iterator[Frame]:
-        described: Camera | None = None
-        index, lacking = -1, {self.poses_of: 'pose', self.depth_of: 'depth image'}
-        lacking.pop('', None)
-        for index, frame in enumerate(self.source):
-            pose = self.pose_at(index, frame.stamp_ns) if self.pose_at else None
-            if pose:
-                lacking.pop(self.poses_of, None)
-            camera = None
-            if self.camera_of and frame.gray is not None:
-                if described is None:
-                    described = replace(self.camera_of(*frame.gray.shape), mount=self.mount)
-                    self._warn(misfit(described, *frame.gray.shape))
-                camera = fitted(described, *frame.gray.shape)
-            depth_m = self.depth_at(index, frame.stamp_ns) if self.depth_at else None
-            if depth_m is not None:
-                lacking.pop(self.depth_of, None)
-                if frame.gray is not None and (line := unregistered(depth_m, frame.gray.shape)):
-                    self._warn(f'{self.depth_of}: {line}')
-            yield replace(frame, pose=pose, camera=camera, depth_m=depth_m)
-        for name, what in lacking.items() if index >= 0 else ():
-            self._warn(
-                f'{name} has no {what} at the time of an image; check that it covers the drive, '
-                'and that both clocks agree'
-            )
-
-    def _warn(self, line: str) -> None:
-        """Add a line to the warnings, once; an empty one is none."""
-        if line and line not in self.warnings:
-            self.warnings.append(line)
-
-
-class SeveralCameras:
-    """The frames of at least one source, in the order of their stamps."""
-
-    def __init__(self, sources: Sequence[Source]) -> None:
-        self._sources = sources
-        self.name, self.topic = sources[0].name, ' '.join(source.topic for source in sources)
-        self.warnings: list[str] = []
-
-    def __len__(self) -> int:
-        return sum(map(len, self._sources))
-
-    def __iter__(self) -> Iterator[Frame]:
-        yield from heapq.merge(*self._sources, key=lambda frame: frame.stamp_ns)
-        lines = [line for source in self._sources for line in source.warnings]
-        self.warnings[:] = dict.fromkeys(lines)  # cameras may share poses
 
 
 def open_source(

@@ -73,7 +73,7 @@ class Comparer:
     def compare(self, query: Query, predicted: Sequence[int]) -> Comparison:
         """Compare a query with places, among them the likeliest as `predicted`, best first."""
         self._coarse.update(query.buffer.newest.descriptor, query.usable)
-        features, before = query.features, np.array(predicted[: COMPARED.peaks], np.int64)
+        features, before = query.features, np.array(predicted, np.int64)
         row = np.full(query.usable, np.nan, np.float32)
         self._frames += 1
         is_first = self._frames <= COMPARED.first_frames

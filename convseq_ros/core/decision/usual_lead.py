@@ -34,7 +34,8 @@ class KEYPOINTS:
     # Share of the mass of a place that takes its usual lead anew, per keyframe; also the weight of
     # the last match in what is learned of the drive.
     changing: float = 0.1
-    # Of what is learned: lost per keyframe without a match, for what the light lets expect.
+    # Share of what is learned of the drive that is forgotten, per keyframe without a match: what
+    # the light lets expect takes its place.
     forgetting: float = 0.002
     copies: float = 0.001  # share of mass that enters the map at a copy of a place
     sigma: float = 1.6  # of the leads of true places, and of others about 0

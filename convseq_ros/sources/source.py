@@ -1,0 +1,22 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What all sources of frames have in common."""
+
+from collections.abc import Iterator
+from typing import Protocol
+
+from convseq_ros.core.types import Frame
+
+
+class Source(Protocol):
+    """A stream of frames that can be read more than once."""
+
+    name: str  # of the folder or recording
+    topic: str  # of the images; empty for a folder
+    warnings: list[str]  # for the user, one line each; grows while the source is read
+
+    def __len__(self) -> int:
+        """Return the expected number of frames, by an index or a directory."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield the frames in order; each call starts anew."""
