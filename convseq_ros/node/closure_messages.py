@@ -19,7 +19,7 @@ import numpy.typing as npt
 from sensor_msgs.msg import PointCloud2
 
 # `~/closure` is a PointCloud2 of one point. A reader in Python or C++ takes its fields by name
-# (docs/backends/README.md), and new fields can be added at the end.
+# (docs/BACKENDS.md), and new fields can be added at the end.
 LAYOUT = 1  # of the fields below; it changes when one goes or means something else
 # Fields of 8 bytes come first, then those of 4: each lies where its type wants it.
 CLOSURE = np.dtype(
