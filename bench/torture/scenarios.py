@@ -10,7 +10,7 @@ from pathlib import Path
 import tempfile
 
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.edit import unlink, write_new
+from convseq_ros.core.map.edit import rewrite, unlink
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.session_slice import joined, slices_of, without
 from convseq_ros.core.map.writer import save_map
@@ -83,9 +83,7 @@ def _unlink(path: Path, commits: Commits) -> None:
 
 
 def _remove(path: Path, commits: Commits) -> None:
-    slices = slices_of(path)
-    left = joined(without(slices, {commits[0] - 1}))
-    write_new(left, path, instead=slices[0].reference_map)
+    rewrite(path, lambda opened: joined(without(slices_of(path, opened), {commits[0] - 1})))
     acknowledge(1)
 
 

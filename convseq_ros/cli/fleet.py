@@ -144,7 +144,7 @@ def build_one(
 ) -> tuple[Built, list[str]]:
     """Build a map, which is complete or absent; return the result, and warnings."""
     warnings, images = list[str](), images or {}
-    with replaced(path) as part:
+    with MapLock(path), replaced(path) as part:
         built = build(recording, part, config, links=links, on_warning=warnings.append, **images)
     return built, [f'{recording.name}: {warning}' for warning in warnings]
 

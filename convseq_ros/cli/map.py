@@ -4,6 +4,7 @@
 
 import argparse
 from dataclasses import replace
+from functools import partial
 import json
 from pathlib import Path
 import re
@@ -17,10 +18,12 @@ from convseq_ros.core.map.edit import (
     pruned,
     refuse_existing,
     rename_session,
+    rewrite,
     unlink,
     write_new,
 )
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import (
     chosen_slice,
     joined,
@@ -48,7 +51,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     map_browse.describe(add_verb(verbs, 'browse', map_browse.run, text))
 
     add = add_verb(verbs, 'unlink', _unlink, 'take links out of a map: all, unless some are named')
-    add.add_argument('map', type=Path, help='changed in one step, or not at all')
+    add.add_argument('map', type=Path, help='replaced in one step, or not at all')
     add.add_argument(
         '--place', type=int, action='append', default=[], metavar='N', help='whose link is wrong'
     )
@@ -97,7 +100,7 @@ def _unlink(chosen: argparse.Namespace) -> None:
     places = {*chosen.place}
     for wanted in chosen.session:
         places |= {*chosen_slice(sessions_of(chosen.map, reference_map), wanted).places}
-    count = unlink(chosen.map, places or None)
+    count = unlink(chosen.map, places or None, map_progress(chosen.map))
     note = 'their places are not looked up again'
     if not places:
         note = 'convseq map link looks them up anew'
@@ -134,16 +137,20 @@ def _split(chosen: argparse.Namespace) -> None:
 
 
 def _remove(chosen: argparse.Namespace) -> None:
+    progress = map_progress(chosen.map)
     if chosen.session:
-        slices = sessions_of(chosen.map)
-        removed = [chosen_slice(slices, wanted) for wanted in chosen.session]
-        remaining = [part for part in slices if part not in removed]
-        if not remaining:
-            raise MapError(f'{chosen.map}: nothing would be left of it; delete the file instead')
-        write_new(joined(remaining), chosen.map, map_progress(chosen.map), slices[0].reference_map)
+        rewrite(chosen.map, partial(_without_sessions, chosen), progress)
     else:
-        prune_looks(chosen.map, chosen.max_looks, map_progress(chosen.map))
+        prune_looks(chosen.map, chosen.max_looks, progress)
     _report(chosen, chosen.map)
+
+
+def _without_sessions(chosen: argparse.Namespace, opened: ReferenceMap) -> ReferenceMap:
+    slices = sessions_of(chosen.map, opened)
+    removed = [chosen_slice(slices, wanted) for wanted in chosen.session]
+    if remaining := [part for part in slices if part not in removed]:
+        return joined(remaining)
+    raise MapError(f'{chosen.map}: nothing would be left of it; delete the file instead')
 
 
 def _rename(chosen: argparse.Namespace) -> None:

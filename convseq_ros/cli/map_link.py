@@ -5,8 +5,8 @@
 import argparse
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from dataclasses import replace
+from functools import partial
 import json
 from pathlib import Path
 import sys
@@ -14,12 +14,8 @@ import sys
 from convseq_ros.cli.map_picture import draw_solved
 from convseq_ros.cli.options import map_progress, progress, warn
 from convseq_ros.cli.outputs import add_output
-from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.graph.links import Link
-from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.database import BESIDE
-from convseq_ros.core.map.edit import refuse_existing, relinked, write_new
-from convseq_ros.core.map.lock import LOCK
+from convseq_ros.core.map.edit import forget_links, refuse_existing, rewrite, write_new
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, sessions_of, SessionSlice
@@ -28,7 +24,6 @@ from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import MapError, printable
 from convseq_ros.io.output_file import ANY, FIGURE
 from convseq_ros.io.regular_file import write_lines
-from convseq_ros.node.process import held
 from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.edges import edges_of, Poses
 from convseq_ros.pose_graph.g2o import g2o
@@ -56,20 +51,18 @@ def run(chosen: argparse.Namespace) -> None:
     """Link the places that are not linked yet, or all, store the links, and make the outputs."""
     if chosen.output:
         refuse_existing(chosen.output)
-    if chosen.again:
-        with relinked(chosen.map) as opened:
-            for _ in linking(chosen.map, opened):
-                pass
-        make_outputs(chosen, open_map(chosen.map))
-        return
-    count, encoding, keyframes = _lacking(chosen.map)
-    target = chosen.map.resolve()
-    beside = [target.with_name(target.name + end) for end in (LOCK, *BESIDE)]
-    if count or any(file.exists() for file in beside):  # which a killed one leaves
-        with held(), closing(Autosave(chosen.map, encoding, keyframes, append=True)) as kept:
-            for _ in linking(chosen.map, kept.reference_map):
-                kept.save()
+    if chosen.again or not_linked(open_map(chosen.map)):
+        rewrite(chosen.map, partial(_linked, chosen), map_progress(chosen.map))
     make_outputs(chosen, open_map(chosen.map))
+
+
+def _linked(chosen: argparse.Namespace, opened: ReferenceMap) -> ReferenceMap:
+    """Return a map with the links that it lacks, or with new ones."""
+    if chosen.again:
+        forget_links(opened)
+    for _ in linking(chosen.map, opened):
+        pass
+    return opened
 
 
 def linking(path: Path, unlinked: ReferenceMap) -> Iterator[int]:
@@ -78,12 +71,6 @@ def linking(path: Path, unlinked: ReferenceMap) -> Iterator[int]:
     if problem := problem_of_linking(path, unlinked):
         warn(problem)
     return progress(link_map(unlinked), count, path.name, 'places')
-
-
-def _lacking(path: Path) -> tuple[int, EncodingConfig, KeyframeConfig]:
-    """Return how many places are not linked yet, and the map's settings; the map is closed."""
-    opened = open_map(path)
-    return sum(map(len, not_linked(opened))), opened.encoding, opened.keyframes
 
 
 def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:

@@ -2,16 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """`convseq map link` and `unlink`: drives find each other and their own way, and part again."""
 
-from contextlib import closing
 from dataclasses import replace
 import json
 import math
-import shutil
 
 from convseq_ros.cli import main
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.graph.links import Link
-from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
@@ -231,17 +228,3 @@ def test_linking_without_poses_or_links_writes_nothing_and_gives_the_reason(tmp_
     better.touch()
     assert main(['map', 'link', str(path), '-o', str(better)]) == 1
     assert 'exists already' in capsys.readouterr().err
-
-
-@pytest.mark.parametrize('left', [('-wal', '-shm'), ('-lock',)])
-def test_the_next_link_recovers_what_a_killed_one_left(driven, tmp_path, capsys, left):
-    path, killed = driven[0], tmp_path / 'killed.db'
-    opened = open_map(path)
-    grown = tmp_path / 'grown.db'
-    shutil.copy(path, grown)
-    with closing(Autosave(grown, opened.encoding, opened.keyframes, append=True)):
-        for end in ('', *left):  # what is there when it is killed now, or at its end
-            shutil.copy(f'{grown}{end}', f'{killed}{end}')
-    assert main(['map', 'link', str(killed), '--json']) == 0
-    assert [one.name for one in tmp_path.iterdir() if 'killed' in one.name] == ['killed.db']
-    assert [*open_map(killed).links] == [*opened.links]

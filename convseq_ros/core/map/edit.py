@@ -1,8 +1,8 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Editing map files: writing new ones, removing places, renaming sessions, removing links."""
+"""Editing map files: each edit but a rename writes a new file, and puts it in place of the old."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
@@ -14,36 +14,41 @@ from convseq_ros.core.map.pruning import Pruning
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, SessionSlice, slices_of, without
-from convseq_ros.core.map.writer import Progress, save_map, write_links
+from convseq_ros.core.map.writer import Progress, replaced, write_map
 from convseq_ros.errors import MapError
 
 
-def write_new(
-    new: ReferenceMap, path: Path, progress: Progress = iter, instead: ReferenceMap | None = None
+def write_new(new: ReferenceMap, path: Path, progress: Progress = iter) -> None:
+    """
+    Write a map to a new file, in one step.
+
+    MapError if the file exists, another program makes it, or the disk is full.
+    """
+    with MapLock(path), replaced(path) as part:
+        refuse_existing(path)
+        write_map(new, part, progress)
+
+
+def rewrite(
+    path: Path, change: Callable[[ReferenceMap], ReferenceMap | None], progress: Progress = iter
 ) -> None:
     """
-    Write a map in one step to a new file, or to a file that still holds the map `instead`.
+    Replace a map file by what `change` makes of its map, in one step or not at all.
 
-    MapError if a new file exists, a file was changed, another program adds, or the disk is full.
+    `change` may return the map that it is given; with None the file stays as it is. MapError if
+    another program adds to the map, which is locked meanwhile, or the disk is full.
     """
-
-    def refuse() -> None:
-        if instead is None:
-            refuse_existing(path)
-        elif _state(open_map(path)) != _state(instead):
-            raise MapError(f'{path}: was changed meanwhile; run it again')
-
-    save_map(new, path, progress, refuse)
+    with MapLock(path):
+        changed = change(open_map(path))
+        if changed is not None:
+            with replaced(path) as part:
+                write_map(changed, part, progress)
 
 
 def refuse_existing(path: Path) -> None:
     """Raise MapError if a file that should be new exists already."""
     if path.exists():
         raise MapError(f'{path}: exists already; name another file')
-
-
-def _state(saved: ReferenceMap) -> object:
-    return saved.map_id, len(saved), [session.row for session in saved.sessions]
 
 
 def pruned(path: Path, opened: ReferenceMap, max_looks: int) -> ReferenceMap:
@@ -56,13 +61,18 @@ def prune_looks(path: Path, max_looks: int, progress: Progress = iter) -> int:
     """
     Keep at most `max_looks` stretches of each place in a map file; return how many places it lost.
 
-    The file is replaced in one step or not at all; MapError as for `write_new`.
+    MapError as for `rewrite`.
     """
-    before = open_map(path)
-    after = pruned(path, before, max_looks)
-    if after is not before:
-        write_new(after, path, progress, before)
-    return len(before) - len(after)
+    lost = 0
+
+    def change(opened: ReferenceMap) -> ReferenceMap | None:
+        nonlocal lost
+        after = pruned(path, opened, max_looks)
+        lost = len(opened) - len(after)
+        return after if lost else None
+
+    rewrite(path, change, progress)
+    return lost
 
 
 def keep_first(path: Path, count: int) -> None:
@@ -88,50 +98,37 @@ def rename_session(named: SessionSlice) -> None:
             raise MapError(f'{named.path}: was changed meanwhile; run it again')
 
 
-def unlink(path: Path, places: Collection[int] | None = None) -> int:
+def unlink(path: Path, places: Collection[int] | None = None, progress: Progress = iter) -> int:
     """
-    Remove links from a map file; return how many. MapError if another program adds to it.
+    Remove links from a map file; return how many. MapError as for `rewrite`.
 
     With `places`, only their links are removed; they stay marked as looked up and are not linked
-    again, not even by `relinked`. By default all links and all marks are removed.
+    again, not even after `forget_links`. By default all links and all marks are removed.
     """
-    with _changed_links(path) as opened:
+    removed = 0
+
+    def change(opened: ReferenceMap) -> ReferenceMap:
+        nonlocal removed
         links, left = opened.take_links(), opened.links
-        if places is None:
-            return len(links)
-        for place, link, is_unlinked in links.since(0, len(opened)):
-            if is_unlinked or (link and place in places):
+        for place, link, is_unlinked in links.since(0, len(opened) if places else 0):
+            if is_unlinked or (link and places and place in places):
                 left.add_unlinked(place)
             elif link:
                 left.add(place, link.other, link.confidence, link.inliers, link.relative)
             else:
                 left.add_first(place)
-    return len(links) - len(left)
+        removed = len(links) - len(left)
+        return opened
+
+    rewrite(path, change, progress)
+    return removed
 
 
-@contextmanager
-def relinked(path: Path) -> Iterator[ReferenceMap]:
-    """
-    Yield a map without links, to be linked anew; at the end they replace those of its file.
-
-    Places that a person unlinked stay so. After an error, the file keeps its links. MapError if
-    another program adds to it.
-    """
-    with _changed_links(path) as opened:
-        links = opened.take_links()
-        for place in filter(links.is_unlinked, range(len(opened))):
-            opened.links.add_unlinked(place)
-        yield opened
-
-
-@contextmanager
-def _changed_links(path: Path) -> Iterator[ReferenceMap]:
-    """Yield a map whose links replace those of its file at the end, in one step."""
-    with _changed(path) as database:
-        opened = open_map(path)
-        yield opened
-        database.rows('DELETE FROM links')
-        write_links(database, opened.links.since(0, len(opened)))
+def forget_links(opened: ReferenceMap) -> None:
+    """Remove all links of a map, to be linked anew; places that a person unlinked stay so."""
+    links = opened.take_links()
+    for place in filter(links.is_unlinked, range(len(opened))):
+        opened.links.add_unlinked(place)
 
 
 @contextmanager

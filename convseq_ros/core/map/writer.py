@@ -189,39 +189,37 @@ class MapWriter:
                 self.commit()
 
 
-def save_map(
-    reference_map: ReferenceMap,
-    path: Path,
-    progress: Progress = iter,
-    refuse: Callable[[], None] = lambda: None,
-) -> None:
-    """
-    Write a map to a file, which is replaced in one step; MapError if that fails.
+def save_map(reference_map: ReferenceMap, path: Path) -> None:
+    """Write a map to a file, which is replaced in one step; MapError if that fails."""
+    with MapLock(path), replaced(path) as part:
+        write_map(reference_map, part)
 
-    `refuse` is called when the map is locked, and may raise a MapError to prevent the replacement.
-    """
+
+def write_map(reference_map: ReferenceMap, path: Path, progress: Progress = iter) -> None:
+    """Write a map to a new file, in one transaction."""
     settings, end = (reference_map.encoding, reference_map.keyframes), len(reference_map)
-    with replaced(path) as part:
-        refuse()
-        with MapWriter(part, *settings, map_id=reference_map.map_id) as writer:
-            for start in progress(range(0, end or 1, _AT_ONCE)):
-                writer.append(reference_map, min(start + _AT_ONCE, end))
+    with MapWriter(path, *settings, map_id=reference_map.map_id) as writer:
+        for start in progress(range(0, end or 1, _AT_ONCE)):
+            writer.append(reference_map, min(start + _AT_ONCE, end))
 
 
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """Yield a temporary path; the map made there replaces a file at the end, or MapError."""
+    """
+    Yield a temporary path; the map made there replaces a file at the end, or MapError.
+
+    Hold the `MapLock` of the file.
+    """
     target = path.resolve()
-    with MapLock(path):
-        try:
-            with complete_or_absent(target) as part:
-                try:
-                    yield part
-                except MapError as error:
-                    raise MapError(str(error).replace(str(part), str(path))) from error
-                _delete_journal(target)
-        except OSError as error:
-            raise MapError(f'{path}: cannot write the map ({error.strerror})') from error
+    try:
+        with complete_or_absent(target) as part:
+            try:
+                yield part
+            except MapError as error:
+                raise MapError(str(error).replace(str(part), str(path))) from error
+            _delete_journal(target)
+    except OSError as error:
+        raise MapError(f'{path}: cannot write the map ({error.strerror})') from error
 
 
 def _delete_journal(path: Path) -> None:
