@@ -8,7 +8,7 @@ left out. Everything measured stays in the run folder, from which `convseq repor
 """
 
 import argparse
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from convseq_ros.cli import main as convseq
@@ -129,46 +129,41 @@ def pooled(tables: Iterable[Sequence[Mapping[str, float]]]) -> list[dict[str, fl
 
 
 def _accuracy(runs: Sequence[Run]) -> Iterable[str]:
-    """Yield a table for each set, and what its published scores come to, single images alone."""
-    columns = (
-        'method',
-        'right, %',
-        '95 % interval',
-        'of matched',
-        'AUC-PR, %',
-        'recall at 100 % precision, %',
-        'PCU',
-    )
-    for name in dict.fromkeys(run.set for run in runs):
-        of_set = {run.method: run for run in runs if run.set == name}
-        own = {name: of_set[name] for name in METHODS if name in of_set}
-        about = next(iter(own.values())).about_set()
-        yield (
-            f'**{about["title"] or name}**: {about["queries"]} queries, '
-            f'{about["references"] or about["queries"]} references.'
+    """Yield two tables, of sets by methods, and what published scores come to, single images."""
+    sets = dict.fromkeys(run.set for run in runs)
+    of = {(run.set, run.method): run for run in runs}
+    used = [name for name in METHODS if any((one, name) in of for one in sets)]
+    told: dict[str, Callable[[Run], str]] = {
+        '% right (95 % interval) of those with a candidate': _right,
+        '% of known at 100 % precision': _sure,
+    }
+    for what, cell in told.items():
+        rows = (
+            [METHODS[name][0], *(cell(of[one, name]) if (one, name) in of else '' for one in sets)]
+            for name in used
         )
-        yield _table(columns, ([METHODS[name][0], *_best(one)] for name, one in own.items()))
-        others = {name: run for name, run in of_set.items() if name.startswith(_PUBLISHED)}
+        yield _table((what, *sets), rows)
+    for one in sets:
         shares = ', '.join(
             f'{name.removeprefix(_PUBLISHED)} {_percent(run.summary["accuracy_matched"])}'
-            for name, run in others.items()
-            if not name.endswith(('-dynamic', '-k10'))
+            for (place, name), run in of.items()
+            if place == one
+            and name.startswith(_PUBLISHED)
+            and not name.endswith(('-dynamic', '-k10'))
         )
         if shares:
-            yield f'By scores that VPR-Bench published, single images right, in %: {shares}.'
+            yield f'By scores that VPR-Bench published of {one}, single images, % right: {shares}.'
 
 
-def _best(run: Run) -> list[str]:
+def _right(run: Run) -> str:
     told = run.summary
     low, high = told.get('accuracy_matched_low'), told.get('accuracy_matched_high')
-    return [
-        _percent(told['accuracy_matched']),
-        f'{_percent(low)}-{_percent(high)}',
-        str(told['matched_known']),
-        _percent(told['auc_pr']),
-        _percent(told['recall_at_100_precision']),
-        '-' if told['pcu'] is None else f'{told["pcu"]:.2f}',
-    ]
+    share = _percent(told['accuracy_matched'])
+    return f'{share} ({_percent(low)}-{_percent(high)}) of {told["matched_known"]}'
+
+
+def _sure(run: Run) -> str:
+    return _percent(run.summary['recall_at_100_precision'])
 
 
 def _counts(runs: Iterable[Run]) -> list[str]:
