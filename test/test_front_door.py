@@ -33,14 +33,6 @@ def test_the_readme_is_short():
     assert len(README.split()) < MOST_WORDS
 
 
-def test_the_page_of_the_field_is_short():
-    page = (REPOSITORY / 'docs' / 'FIELD.md').read_text(encoding='utf-8')
-    rows = page.splitlines()[6:]
-    assert len(page.split()) <= MOST_WORDS
-    assert [row for row in rows if len(row.replace('|', ' ').split()) > 25] == []
-    assert all(row.count(' | ') == 2 for row in rows)
-
-
 def test_the_readme_and_the_results_page_have_the_same_recall():
     results = (REPOSITORY / 'docs' / 'RESULTS.md').read_text(encoding='utf-8')
     lines = results.split('| set | method | own, % |')[1].split('\n\n')[0].splitlines()[2:]

@@ -291,7 +291,7 @@ def drive(seed: int) -> list[Frame]:
 
 
 class Correlation(DescriptorMatcher):
-    """The pair score that docs/tutorials/own_network.md shows."""
+    """A pair score of one's own: the correlation of all cells."""
 
     places = None
 
