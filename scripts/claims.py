@@ -153,15 +153,22 @@ def other_circuit(data: Path) -> list[Claim]:
 def best_recalls(data: Path, sets: Sequence[str], methods: Sequence[str]) -> Table:
     """Return the recall and the time of methods on sets; the best of several variants counts."""
     where = str(HERE / 'peers.py'), '--data', str(data)
-    table = output_of(*where, '--sets', *sets, '--methods', *methods).split('\n\n')[0]
-    recalls, times_ms, place = dict[Key, float](), dict[Key, float](), ''
-    for line in table.splitlines()[2:]:
-        name, method, _, best, _, ms, _ = (cell.strip(' *') for cell in line.split('|')[1:-1])
-        place = name or place
-        key = place, method.split(',')[0]
-        recalls[key] = max(float(best), recalls.get(key, 0.0))
-        times_ms.setdefault(key, float(ms.strip('< ')))
+    tables = output_of(*where, '--sets', *sets, '--methods', *methods).split('\n\n')
+    recalls, times_ms = dict[Key, float](), dict[Key, float]()
+    for lines in (table.splitlines() for table in tables if table.strip()):
+        what, *names = _cells(lines[0])
+        for method, *told in map(_cells, lines[2:]):
+            for name, cell in zip(names, told, strict=True):
+                key = name, method.split(',')[0]
+                if what == 'best, %':
+                    recalls[key] = max(float(cell), recalls.get(key, 0.0))
+                elif what == 'ms a frame':
+                    times_ms.setdefault(key, float(cell.strip('< ')))
     return Table(recalls, times_ms)
+
+
+def _cells(line: str) -> list[str]:
+    return [cell.strip(' *') for cell in line.split('|')[1:-1]]
 
 
 def started_recalls(pool: Executor, data: Path, sets: Sequence[str]) -> list[Future[Table]]:

@@ -10,13 +10,13 @@ folder, WORDS for folders with images of all sets but the one measured.
 The protocol is open: half of the map is removed in turn. Recall is the share of right matches
 among the frames whose place is in the map. *Own* is the method's own decision, with its false
 matches. *Best* is at the lowest threshold without a false match on this set, by the criterion (and
-alpha and k) with the highest recall; this favours every method. The second table uses one
+alpha and k) with the highest recall; this favours every method. The last table uses one
 threshold without false matches on all sets. ms are CPU time per frame. In laps the map is the
 first lap; a match within 40 of 840 places is right, and up to 100 is not counted.
 """
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -65,6 +65,13 @@ NAMES = {
     'cohog': 'CoHOG',
     'hog': 'HOG',
 }
+TABLES = (
+    'best, %',
+    'own, % (false)',
+    'frames to the first right match, at best',
+    'ms a frame',
+    'kB a place',
+)
 ALPHAS = 0.3, 0.1, 0.2, 0.5  # DLoopDetector's own first
 CONSISTENT = 3, 1  # its own number of frames that agree, and that of its demo
 
@@ -173,7 +180,7 @@ def criteria(run: Run) -> list[str]:
 
 
 def main() -> None:
-    """Measure, and print two tables."""
+    """Measure, and print a table of methods and sets for each figure."""
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument('--data', type=Path, required=True)
     parser.add_argument('--sets', nargs='*', default=SETS)
@@ -182,8 +189,9 @@ def main() -> None:
     time.perf_counter = time.process_time  # so that other load does not count
     config = make_config({'threads': 1})
     results: dict[str, list[list[Run]]] = {text: [] for text in chosen.methods}
-    head('set', 'method', 'own, %', 'best, %', 'frames to the first right match, at best',
-         'ms a frame', 'kB a place')  # fmt: skip
+    tables: dict[str, dict[str, list[str]]] = {
+        title: {text: [] for text in chosen.methods} for title in TABLES
+    }
     words = OtherSets(chosen.data, SETS)
     for name in chosen.sets:
         with _opened(name, chosen.data, config) as material:
@@ -193,17 +201,36 @@ def main() -> None:
                     asked = asked.replace('WORDS', ','.join(map(str, words.folders(name))))
                 variants = runs(material, asked, config)
                 results[text].append(variants)
-                share, first = max(_options(variants))
-                best = f'**{_percent(share)}**' if text == 'convseq' else _percent(share)
-                ms, kept_kb = variants[0].frame_ms, variants[0].place_bytes / 1e3
-                costs = f'{ms:.0f}' if ms >= 0.5 else '< 1', f'{kept_kb:.1f}'
-                shown = name if text == chosen.methods[0] else ''
-                row(shown, NAMES.get(text, text), _own(variants[0]), best, first, *costs)
+                for title, cell in zip(TABLES, _cells(variants), strict=True):
+                    tables[title][text].append(cell)
+    for title, cells in tables.items():
+        _table(title, chosen.sets, cells)
+    one = {text: max(_for_all(by_set), key=sum) for text, by_set in results.items()}
+    _table(
+        'one threshold for all sets, best %',
+        chosen.sets,
+        {text: [*map(_percent, shares)] for text, shares in one.items()},
+    )
+
+
+def _cells(variants: Sequence[Run]) -> tuple[str, ...]:
+    """Return what TABLES tell of a method on a set; its own decision is of the first variant."""
+    share, first = max(_options(variants))
+    ms, kept_kb = variants[0].frame_ms, variants[0].place_bytes / 1e3
+    return (
+        _percent(share),
+        _own(variants[0]),
+        first,
+        f'{ms:.0f}' if ms >= 0.5 else '< 1',
+        f'{kept_kb:.1f}',
+    )
+
+
+def _table(title: str, sets: Sequence[str], rows: Mapping[str, Sequence[str]]) -> None:
+    head(title, *sets)
+    for text, cells in rows.items():
+        row(NAMES.get(text, text), *cells)
     print()
-    head('method', *chosen.sets)
-    for text, by_set in results.items():
-        one = max(_for_all(by_set), key=sum)
-        row(NAMES.get(text, text), *map(_percent, one))
 
 
 @contextmanager
@@ -233,7 +260,7 @@ def _for_all(by_set: Sequence[Sequence[Run]]) -> Iterator[list[float]]:
 
 def _own(run: Run) -> str:
     false = run.false(run.verdicts.accepted)
-    return _percent(run.recall(run.verdicts.accepted)) + (f', {false:,} false' if false else '')
+    return _percent(run.recall(run.verdicts.accepted)) + (f' ({false:,})' if false else '')
 
 
 def _percent(share: float) -> str:

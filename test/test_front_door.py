@@ -35,17 +35,19 @@ def test_the_readme_is_short():
 
 def test_the_readme_and_the_results_page_have_the_same_recall():
     results = (REPOSITORY / 'docs' / 'RESULTS.md').read_text(encoding='utf-8')
-    lines = results.split('| set | method | own, % |')[1].split('\n\n')[0].splitlines()[2:]
-    measured, place = {}, ''
-    for _, name, method, _own, best, *_ in (line.split('|') for line in lines):
-        place = name.strip() or place
-        measured[place, method.strip()] = float(best.strip(' *'))
+    titles, _, *lines = results[results.index('| best, % |') :].split('\n\n')[0].splitlines()
+    rows = [[cell.strip(' *') for cell in line.split('|')[1:-1]] for line in (titles, *lines)]
+    measured = {
+        (name, method): float(cell or 0)
+        for method, *cells in rows[1:]
+        for name, cell in zip(rows[0][1:], cells, strict=True)
+    }
     sets = 'gardens_point_day_day corridor rtabmap84 laps street_night street_noise street_lane'
     methods = {'ORB, bag of words': 'orb-bow', 'SIFT, VLAD': 'sift-vlad', 'HBST': 'hbst'}
     rows = README.split('|other lane|')[1].split('\n\n')[0].splitlines()[2:]
     assert len(rows) == 7
     for _, method, *told, _ in (row.split('|') for row in rows):
-        own = methods.get(method, method)
+        own = methods.get(method, method.strip('*'))
         words = '10^5 words of all other sets, direct index'
         others = words, 'images as they are', 'on an AMD EPYC'
         each = [own, *(f'{own}, {other}' for other in others)]  # the best counts
