@@ -41,7 +41,7 @@ make board                     # two minutes: the first two tables for the machi
 _SPLIT = """
 *Computed* from a measured split: what the kernels of pair scores take (*by peak*) is multiplied by
 the ratio of the integer peaks, the rest (*by clock*) by that of the clocks. A core that does less
-in a cycle than this one takes longer. *Share of a core* is that of a camera of 30 Hz with 8
+in a cycle than this one takes longer. The share of a core is that of a camera of 30 Hz with 8
 keyframes a second.
 """
 _MILLION = 1_000_000
@@ -55,10 +55,8 @@ _ADVICE = """
 * `threads: 0` uses up to two cores. `taskset -c 3` keeps the node to one.
 * Raw images go through shared memory if camera and node have
   `FASTRTPS_DEFAULT_PROFILES_FILE=config/fastdds_large_images.xml`.
-* Approximated are regions as 8-bit kernels and geometry read them (by the paper's rule, the best
-  candidates are scored again in float32; pair scores of `kernel: float32` avoid it), which places
-  are scored (`search: exhaustive` scores all) and cells in a map (half precision; answers are the
-  same before and after saving).
+* Approximated are regions (8 bits), which places are scored (`search: exhaustive` scores all) and
+  cells in a map (half precision; answers are the same before and after saving).
 
 Another computer: `make board` writes `board.json`. Please send it.
 """
@@ -89,7 +87,8 @@ def summary(measured: Mapping[str, Any]) -> list[list[list[str]]]:
     by_side = {(row['what'], row['side']): row['value'] for row in rows}
     here = (_value(rows, 'peak of a core, int8') or 0.0, measured['about']['machine']['clock_ghz'])
     first = [['frame', 'here, ms', 'by peak, ms', 'by clock, ms', 'pairs', 'GOP', 'at 142 GOP/s']]
-    second = [['processor class', 'GOP/s', 'GHz', 'places', 'ms', 'frames/s', 'share of a core']]
+    sizes = [row['what'].rpartition('= ')[2] for row in frames]
+    second = [['processor class', 'GOP/s', 'GHz', *(f'R = {size}' for size in sizes)]]
     for row in frames:
         split = [
             by_side[row['what'], side]
@@ -101,16 +100,16 @@ def summary(measured: Mapping[str, Any]) -> list[list[list[str]]]:
         first.append([row['what'], *map(number, numbers), _text(at_142, ' ms')])
     idle_ms = _value(rows, 'between', between.BY_SCENE) or 0.0
     machines = {'this machine': here} | ROBOTS
-    for name, (peak, clock) in machines.items():
-        for row in frames if all(here) else ():
+    for name, (peak, clock) in machines.items() if all(here) else ():
+        times = []
+        for row in frames:
             by_peak = by_side[row['what'], 'scales with the integer peak'] * here[0] / peak
             slower = here[1] / clock
             frame_ms = by_peak + by_side[row['what'], 'scales with the clock'] * slower
             rest_ms = (_RATE_HZ - _KEYFRAMES_HZ) * idle_ms * slower
             percent = (_KEYFRAMES_HZ * frame_ms + rest_ms) / 10
-            size = row['what'].rpartition('= ')[2]
-            first_cells = [name, number(peak), number(clock), size, number(frame_ms)]
-            second.append([*first_cells, number(1e3 / frame_ms), f'{percent:.0f} %'])
+            times.append(f'{number(frame_ms)} ms, {percent:.0f} %')
+        second.append([name, number(peak), number(clock), *times])
     return [first, second]
 
 
