@@ -18,13 +18,10 @@ _PAGE = """\
 
 Printed by `convseq config --markdown`. They are the same for the node (`-p NAME:=VALUE`,
 `--params-file`), for `convseq replay --config FILE` and as options (`--min-margin 0.01`).
-`convseq config > my.yaml` prints all of them, ready to edit; a name that is not listed is an
-error. Those marked * may change while the node runs; each change is logged. The others are read
-at the start: places of the map, and what the node knows of earlier frames, are made with those of
-images, matching and keyframes; files, topics and TF frames are opened then; ~/load_map changes
-the map. `build-map` takes `keyframe_...`, `keypoints`, `keep_images_px`, `stationary_m`,
-`image_size_px`, `resize`, `image_mask`, `image_rotation_deg`, `descriptor_model`, `matching`,
-`camera_to_base`, `max_image_mpx` and `max_file_mb`, as options or of the same `--config FILE`.
+`convseq config > my.yaml` prints all of them, ready to edit. Those marked * may change while the
+node runs; the others are read at the start. `build-map` takes `keyframe_...`, `keypoints`,
+`keep_images_px`, `stationary_m`, `image_size_px`, `resize`, `image_mask`, `image_rotation_deg`,
+`descriptor_model`, `matching`, `camera_to_base`, `max_image_mpx` and `max_file_mb`.
 
 """
 DEFAULTS = 'Every parameter of vpr_node with its default; printed by `convseq config`.'
@@ -33,8 +30,8 @@ PAPERS = (
     '`convseq config --paper`.'
 )
 _TABLE = """\
-| parameter | default | unit | allowed | meaning |
-|---|---|---|---|---|
+| parameter | default | allowed | meaning |
+|---|---|---|---|
 """
 _GRAPH = """
 
@@ -90,10 +87,9 @@ def markdown(declared: Iterable[Parameter]) -> str:
 def _table(declared: Iterable[Parameter]) -> str:
     lines = []
     for item in declared:
-        allowed = item.bounds.replace('|', 'or')
+        allowed = f'{item.bounds} {item.unit}'.replace('|', 'or').strip()
         live = ' *' if item.dynamic else ''
         lines.append(
-            f'| `{item.name}`{live} | `{json.dumps(item.default)}` | {item.unit} | {allowed} '
-            f'| {item.doc} |'
+            f'| `{item.name}`{live} | `{json.dumps(item.default)}` | {allowed} | {item.doc} |'
         )
     return _TABLE + '\n'.join(lines)

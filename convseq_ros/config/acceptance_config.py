@@ -19,12 +19,11 @@ class AcceptanceConfig(Checked):
         choices=('auto', 'belief', 'margin', 'always'),
     )
     min_confidence: float = parameter(
-        0.9, 'With the belief rule, a match is accepted if the probability that it is right is '
-        'at least this.', low=0.0, high=1.0, dynamic=True,
+        0.9, 'Least probability of a match, by the belief rule.', low=0.0, high=1.0, dynamic=True,
     )
     min_margin: float = parameter(
-        0.003, 'With the margin rule, a match is accepted if its score exceeds that of the best '
-        'rival by at least this.', low=0.0, high=1.0, dynamic=True,
+        0.003, 'Least lead of a score over that of the best rival, by the margin rule.',
+        low=0.0, high=1.0, dynamic=True,
     )
     rival_distance: int = parameter(
         10, 'Places of the map that are further than this from a candidate are its rivals.',
@@ -32,6 +31,6 @@ class AcceptanceConfig(Checked):
     )
     num_candidates: int = 5  # per result; no two are closer than rival_distance
     closure_interval_s: float = parameter(
-        0.0, 'Minimum time between two accepted matches; 0 accepts every confident frame.',
+        0.0, 'Least time between two accepted matches; 0 accepts every confident frame.',
         unit='s', low=0.0, high=3600.0, dynamic=True,
     )

@@ -36,24 +36,24 @@ class EncodingConfig(Checked):
     """How an image becomes cells, salient regions and an entropy (paper III-B, III-C)."""
 
     image_size_px: int = parameter(
-        512, 'Images are resized to a square with sides of this length before they are compared.',
+        512, 'Sides of the square to which images are resized.',
         unit='px', low=64, high=2048,
     )
     saliency_threshold: float = parameter(
-        0.5, 'Minimum mean entropy of a salient region, as a fraction of 8 bits; ET in the paper.',
+        0.5, 'Least mean entropy of a salient region, as a fraction of 8 bits; ET in the paper.',
         low=0.0, high=1.0,
     )
     resize: str = parameter(
-        'exact', 'How images are resized: exact gives the same result on every processor, linear '
-        'is what the paper used. All places of a map need the same.', choices=('exact', 'linear'),
+        'exact', 'How images are resized: exact is the same on every processor, linear is what '
+        'the paper used. All places of a map need the same.', choices=('exact', 'linear'),
     )
     image_mask: str = parameter(
-        '', 'Picture file that is black where images show the robot itself; empty uses the mask '
-        'that the map stores, if any.', is_path=True,
+        '', 'Picture that is black where images show the robot itself; empty uses the mask of the '
+        'map, if any.', is_path=True,
     )
     image_rotation_deg: int = parameter(
-        0, 'Counter-clockwise rotation of images before anything else, for a camera that is '
-        'mounted on its side or upside down (0, 90, 180 or 270).', unit='deg', low=0, high=270,
+        0, 'Counter-clockwise rotation of images, for a camera on its side or upside down (0, 90, '
+        '180 or 270).', unit='deg', low=0, high=270,
     )
     descriptor_model: str = parameter(
         '', 'ONNX file of the network whose descriptors select the places to compare; empty for '
@@ -86,8 +86,8 @@ class MatchingConfig(Checked):
     subtract_background: bool = True  # coherent: ignore features that all images share
     shortlist_length: int = 40  # places by the drive so far; a quarter more by the newest frame
     both_directions: bool = parameter(
-        False, 'Whether the robot often passes the places of the map in reverse order: in '
-        'reverse gear, or with a rear camera on the way back.',
+        False, 'Whether the robot often passes places in reverse order: in reverse gear, or with '
+        'a rear camera on the way back.',
     )
     kernel: str = parameter(
         'auto', 'Implementation of image comparison: int8 and float32 are compiled C, numpy '
@@ -95,7 +95,7 @@ class MatchingConfig(Checked):
         choices=('auto', 'int8', 'float32', 'numpy'),
     )
     threads: int = parameter(
-        0, 'Number of threads that compare images; 0 uses the available cores, but at most two.',
+        0, 'Threads that compare images; 0 uses at most two cores.',
         low=0, high=256,
     )
 
@@ -107,8 +107,8 @@ class MotionConfig(Checked):
     # Without odometry, a robot stands still while frames are more similar than this; 1: never.
     stationary_overlap: float = 0.985
     stationary_m: float = parameter(
-        0.05, 'With odometry, the robot stands still until it has moved this far or has turned '
-        'by 18 degrees; 0 turns this off.',
+        0.05, 'With odometry, the robot stands until it has moved this far or has turned by 18 '
+        'degrees; 0 turns this off.',
         unit='m', low=0.0, high=100.0, dynamic=True,
     )
 
@@ -122,8 +122,8 @@ class OnlineConfig(Checked):
         'places to it.', choices=('preloaded', 'online'),
     )
     max_looks: int = parameter(
-        8, 'Online mode keeps at most this many stretches of 16 keyframes that show one place, '
-        'and deletes the one most similar to another; 0 keeps all.',
+        8, 'Online, at most this many stretches of 16 keyframes of one place are kept; 0 keeps '
+        'all.',
         unit='stretches', low=0, high=100,
     )
 
@@ -138,11 +138,11 @@ class KeyframeConfig(Checked):
     """Which frames become places; frames to match are as far apart as the places of the map."""
 
     keyframe_interval_s: float = parameter(
-        0.0, 'Minimum time between two keyframes.', unit='s', low=0.0, high=3600.0,
+        0.0, 'Least time between two keyframes.', unit='s', low=0.0, high=3600.0,
     )
     keyframe_distance_m: float = parameter(
-        0.0, 'With odometry, minimum distance travelled between two keyframes, unless the robot '
-        'has turned by 18 degrees.', unit='m', low=0.0, high=1000.0,
+        0.0, 'With odometry, least distance between two keyframes, unless the robot has turned by '
+        '18 degrees.', unit='m', low=0.0, high=1000.0,
     )
     keyframe_overlap: float = parameter(
         0.75, 'A frame becomes a keyframe when at most this fraction of its regions moved '
@@ -151,13 +151,13 @@ class KeyframeConfig(Checked):
     )
     thumbnail_width_px: int = 128  # of the previews that a map stores; 0 stores none
     keypoints: int = parameter(
-        300, 'Number of keypoints that the map keeps of each place, a second witness by day, and '
-        'that are detected in each frame; 0 keeps none, and cells decide alone.',
+        300, 'Keypoints that the map keeps of each place, a second witness by day; 0 keeps none, '
+        'and cells decide alone.',
         low=0, high=1000,
     )
     keep_images_px: int = parameter(
-        0, 'Longer side of an image that the map keeps for each place, for more exact relative '
-        'poses by day; 0 keeps none.', unit='px', low=0, high=1280,
+        0, 'Longer side of an image that the map keeps of each place, for more exact relative '
+        'poses; 0 keeps none.', unit='px', low=0, high=1280,
     )
 
     @property

@@ -29,11 +29,11 @@ class NodeConfig(Checked):
         '', 'CSV file that gets a row for every frame; empty for none.', is_path=True,
     )
     image_topics: str = parameter(
-        '', 'Image topics of several cameras, separated by spaces; only the first camera adds '
-        'places to the map; empty for one camera on the topic `image`.',
+        '', 'Image topics of several cameras, separated by spaces; only the first adds places to '
+        'the map; empty for one camera on the topic `image`.',
     )
     queue_size: int = parameter(
-        30, 'Maximum number of waiting frames; beyond it the oldest is dropped and counted.',
+        30, 'Most waiting frames; beyond it the oldest is dropped and counted.',
         unit='frames', low=1, high=10000, dynamic=True,
     )
     max_wait_s: float = parameter(
@@ -41,7 +41,7 @@ class NodeConfig(Checked):
         unit='s', low=0.0, high=3600.0, dynamic=True,
     )
     odom_wait_s: float = parameter(
-        0.05, 'Maximum time that a frame waits for odometry at its stamp.',
+        0.05, 'Longest time that a frame waits for odometry at its stamp.',
         unit='s', low=0.0, high=10.0, dynamic=True,
     )
     depth_topic: str = parameter(
@@ -54,12 +54,12 @@ class NodeConfig(Checked):
     )
     map_frame: str = parameter('map', 'TF frame of the poses in the map.', is_frame=True)
     position_sigma_m: float = parameter(
-        0.5, 'Standard deviation of the positions in the map, which adds to the covariance of '
-        '~/pose.', unit='m', low=0.0, high=1000.0, dynamic=True,
+        0.5, 'Standard deviation of positions in the map; it adds to the covariance of ~/pose.',
+        unit='m', low=0.0, high=1000.0, dynamic=True,
     )
     heading_sigma_rad: float = 0.1  # the same for headings
     localize_timeout_s: float = parameter(
-        10.0, 'Maximum time until ~/localize answers.',
+        10.0, 'Longest time until ~/localize answers.',
         unit='s', low=0.0, high=3600.0, dynamic=True,
     )
     publish_initial_pose: bool = parameter(
@@ -68,12 +68,12 @@ class NodeConfig(Checked):
     )
     publish_tf: bool = parameter(
         False, 'Whether map -> odom is broadcast on /tf, and published on ~/map_to_odom, from '
-        'measured relative poses, carried by odometry between matches; for a preloaded map with '
-        'poses, where nothing else publishes it.',
+        'measured relative poses; for a preloaded map with poses, where nothing else publishes '
+        'it.',
     )
     lifecycle: bool = parameter(
-        False, 'Whether the node waits to be configured and activated by ~/change_state '
-        '(lifecycle_msgs) instead of starting at once.',
+        False, 'Whether the node waits for ~/change_state (lifecycle_msgs) instead of starting at '
+        'once.',
     )
     diagnostics_period_s: float = parameter(
         1.0, 'Time between two messages on /diagnostics.',

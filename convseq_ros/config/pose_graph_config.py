@@ -19,8 +19,8 @@ class PoseGraphConfig(Checked):
         'where tf2_msgs is installed; it is always on ~/map_to_odom.',
     )
     graph_file: str = parameter(
-        '', 'File of the graph, loaded at the start if it exists, and written by ~/save and at '
-        'the end; keep it beside the map; empty for none.',
+        '', 'File of the graph, loaded at the start, written by ~/save and at the end; keep it '
+        'beside the map; empty for none.',
         is_path=True,
     )
     tum_file: str = parameter(
@@ -37,9 +37,8 @@ class PoseGraphConfig(Checked):
         'keyframe of the graph.', unit='m', low=0.01, high=1000.0,
     )
     odometry_sigma_m: float = parameter(
-        0.15, 'Standard deviation of odometry after one metre, which grows with the square root '
-        'of the distance: to 1.5 m after 100 m. A growing covariance of the messages counts '
-        'instead.',
+        0.15, 'Standard deviation of odometry after one metre; it grows with the square root of '
+        'the distance. A growing covariance of the messages counts instead.',
         unit='m', low=1e-6, high=100.0,
     )
     odometry_sigma_rad: float = parameter(

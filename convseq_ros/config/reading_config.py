@@ -23,13 +23,12 @@ class ReadingConfig(Checked):
     """Limits above which input is not decoded, whatever its source."""
 
     max_image_mpx: float = parameter(
-        64.0, 'Images that declare more pixels than this are refused before they are decoded.',
+        64.0, 'Images that declare more pixels are refused before they are decoded.',
         unit='Mpx', low=0.01, high=1000.0, dynamic=True,
     )
     max_file_mb: float = parameter(
-        256.0, 'Files, and compressed chunks of recordings, that declare more data than this are '
-        'refused before they are read; text counts 8 times and YAML 1024 times, because reading '
-        'them takes more memory.',
+        256.0, 'Files, and compressed chunks of recordings, that declare more data are refused '
+        'before they are read; text counts 8 times and YAML 1024 times.',
         unit='MB', low=0.001, high=1_000_000.0, dynamic=True,
     )
     keeps_color: bool = False  # in frames, beside grey; for a model that uses it

@@ -14,8 +14,8 @@ class SequenceConfig(Checked):
     """How many frames are matched together (paper III-A, E, F)."""
 
     fixed_length: int = parameter(
-        0, 'Number of frames in every sequence; 0 chooses the length for each frame, as in the '
-        'paper. The belief rule weighs frames instead.',
+        0, 'Frames of every sequence; 0 chooses the length for each frame, as in the paper. The '
+        'belief rule weighs frames instead.',
         unit='frames', low=0, high=100, dynamic=True,
     )
     overlap_threshold: float = parameter(
@@ -28,21 +28,21 @@ class SequenceConfig(Checked):
         low=0.0, high=1.0, dynamic=True,
     )
     min_length: int = parameter(
-        2, 'Number of frames in the shortest sequence that is chosen.',
+        2, 'Frames of the shortest sequence that is chosen.',
         unit='frames', low=2, high=100, dynamic=True,
     )
     max_overlap_length: int = parameter(
-        15, 'Number of frames up to which similarity alone makes a sequence grow.',
+        15, 'Frames up to which similarity alone makes a sequence grow.',
         unit='frames', low=2, high=100, dynamic=True,
     )
     max_length: int = parameter(
-        25, 'Number of frames in the longest sequence that is chosen.',
+        25, 'Frames of the longest sequence that is chosen.',
         unit='frames', low=2, high=100, dynamic=True,
     )
     sequence_regions: str = parameter(
-        'own', 'Which salient regions of the frames of a sequence are compared: own takes those '
-        'of each frame, as the paper says, newest those of the newest frame for all, as its '
-        'authors released it.', choices=('own', 'newest'),
+        'own', 'Which salient regions of a sequence are compared: own takes those of each frame, '
+        'as the paper says, newest those of the newest frame, as its authors released it.',
+        choices=('own', 'newest'),
     )
 
     def __post_init__(self) -> None:
