@@ -8,7 +8,7 @@ left out. Everything measured stays in the run folder, from which `convseq repor
 """
 
 import argparse
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from convseq_ros.cli import main as convseq
@@ -129,20 +129,15 @@ def pooled(tables: Iterable[Sequence[Mapping[str, float]]]) -> list[dict[str, fl
 
 
 def _accuracy(runs: Sequence[Run]) -> Iterable[str]:
-    """Yield two tables, of sets by methods, and what published scores come to, single images."""
+    """Yield a table of methods by sets, and what published scores come to, single images."""
     sets = dict.fromkeys(run.set for run in runs)
     of = {(run.set, run.method): run for run in runs}
     used = [name for name in METHODS if any((one, name) in of for one in sets)]
-    told: dict[str, Callable[[Run], str]] = {
-        '% right (95 % interval) of those with a candidate': _right,
-        '% of known at 100 % precision': _sure,
-    }
-    for what, cell in told.items():
-        rows = (
-            [METHODS[name][0], *(cell(of[one, name]) if (one, name) in of else '' for one in sets)]
-            for name in used
-        )
-        yield _table((what, *sets), rows)
+    rows = (
+        [METHODS[name][0], *(_right(of[one, name]) if (one, name) in of else '' for one in sets)]
+        for name in used
+    )
+    yield _table(('% right (95 % interval) of those with a candidate', *sets), rows)
     for one in sets:
         shares = ', '.join(
             f'{name.removeprefix(_PUBLISHED)} {_percent(run.summary["accuracy_matched"])}'
@@ -160,10 +155,6 @@ def _right(run: Run) -> str:
     low, high = told.get('accuracy_matched_low'), told.get('accuracy_matched_high')
     share = _percent(told['accuracy_matched'])
     return f'{share} ({_percent(low)}-{_percent(high)}) of {told["matched_known"]}'
-
-
-def _sure(run: Run) -> str:
-    return _percent(run.summary['recall_at_100_precision'])
 
 
 def _counts(runs: Iterable[Run]) -> list[str]:
