@@ -4,7 +4,7 @@
 Print the errors of measured relative poses, and how well the covariance predicts them.
 
 Usage: python scripts/relative_pose.py [--streets 31 32 33] [--roads FOLDER ...]
-       [--images-px 320] [--depth]
+       [--images-px 320]
 
 Rows are for the pose from the nearest place along the way, and from the places 2 m and 3 m before.
 `2 m away, shipped` is the shipped method: it measures again from the place that is nearest to the
@@ -75,12 +75,12 @@ class FromOnePlace(RelativePoses):
 
 def main() -> None:
     """Measure and print."""
-    chosen = options(__doc__, streets=[31, 32, 33], roads=[], images_px=0, depth=False)
+    chosen = options(__doc__, streets=[31, 32, 33], roads=[], images_px=0)
     head('what', 'n', 'none', 'median m', '90 %', 'median deg', '90 %', 'squared', f'< {EXPECTED}',
          'same pose m', 'ms')  # fmt: skip
     errors_of: dict[str, list[Error | None]] = {}
     for seed in chosen.streets:
-        for name, error in of_street(seed, chosen.images_px, chosen.depth):
+        for name, error in of_street(seed, chosen.images_px):
             errors_of.setdefault(name, []).append(error)
     for name, errors in errors_of.items():
         print_row(name, errors)
@@ -100,12 +100,10 @@ def print_row(name: str, errors: list[Error | None]) -> None:
     row(name, len(errors), len(errors) - len(measured), *cells)
 
 
-def of_street(seed: int, images_px: int, depth: bool) -> Iterator[tuple[str, Error | None]]:
+def of_street(seed: int, images_px: int) -> Iterator[tuple[str, Error | None]]:
     """Yield the errors of poses on a drawn street, from three places each."""
-    map_shown, queries = drawn(seed, depth)
+    map_shown, queries = drawn(seed)
     poses_of_map = [frame.pose for frame, _ in map_shown if frame.pose]
-    if depth:
-        map_shown = [(replace(frame, pose=None), descriptor) for frame, descriptor in map_shown]
     reference_map = made(map_shown, images_px)
     for light, shown in queries.items():
         matcher = make_matcher(reference_map, Config())
@@ -184,7 +182,7 @@ def made(shown: Shown, images_px: int) -> ReferenceMap:
     return reference_map
 
 
-def drawn(seed: int, depth: bool = False) -> tuple[Shown, dict[str, Shown]]:
+def drawn(seed: int) -> tuple[Shown, dict[str, Shown]]:
     """Return the frames of the map, and of the query drives."""
     street, rng = Street(120.0, seed), np.random.default_rng(seed)
     along = np.arange(0.0, 121.0, 12.0).tolist()
@@ -197,7 +195,7 @@ def drawn(seed: int, depth: bool = False) -> tuple[Shown, dict[str, Shown]]:
             heading_deg=heading_deg, seed=noise_seed, **SIZE, **how,
         )  # fmt: skip
         queries[name] = described(frame for _, frame in drive)
-    mapped = shots(street, num_frames=50, seed=seed, has_depth=depth, **SIZE)
+    mapped = shots(street, num_frames=50, seed=seed, **SIZE)
     return described(frame for _, frame in mapped), queries
 
 

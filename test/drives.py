@@ -20,7 +20,6 @@ import cv2
 import numpy as np
 
 KEPT = Path(__file__).resolve().parents[1] / '.pytest_cache' / 'drives'
-ARRAYS = 'image', 'depth_m'  # of a shot
 WEEK_S = 7 * 86_400  # after which a drive that nobody asks for goes
 
 
@@ -51,18 +50,12 @@ def kept(make: Callable[[], Iterable[Shot]], *what: object) -> list[Shot]:
 
 
 def _write(shots: list[Shot], path: Path) -> None:
-    """Write images and depths as arrays, and the rest as JSON, whose numbers come back exactly."""
-    arrays = {
-        f'{name}_{index}': array
-        for index, shot in enumerate(shots)
-        for name in ARRAYS
-        if (array := getattr(shot, name)) is not None
-    }
+    """Write images as arrays, and the rest as JSON, whose numbers come back exactly."""
+    images = {f'image_{index}': shot.image for index, shot in enumerate(shots)}
     rest = [
-        {name: value for name, value in asdict(shot).items() if name not in ARRAYS}
-        for shot in shots
+        {name: value for name, value in asdict(shot).items() if name != 'image'} for shot in shots
     ]
-    np.savez(path, rest=np.array(json.dumps(rest)), **arrays)
+    np.savez(path, rest=np.array(json.dumps(rest)), **images)
 
 
 def _read(path: Path) -> list[Shot]:
@@ -72,7 +65,7 @@ def _read(path: Path) -> list[Shot]:
         return [
             Shot(
                 **one | {name: made(one[name]) for name, made in convert.items()},
-                **{name: stored.get(f'{name}_{index}') for name in ARRAYS},
+                image=stored[f'image_{index}'],
             )
             for index, one in enumerate(json.loads(str(stored['rest'])))
         ]

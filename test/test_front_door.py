@@ -110,7 +110,7 @@ def test_the_page_of_topics_has_every_topic_service_and_reason():
     own = {name for file in files for name in re.findall(r"'(~/\w+)'", file.read_text('utf-8'))}
     settings = {item.name for item in parameters(NodeConfig) if 'topic' in item.name}
     named = own | settings | {'image', 'odom', 'camera_info', 'initialpose', '/diagnostics'}
-    assert len(own) > 15 and settings == {'image_topics', 'depth_topic'}
+    assert len(own) > 15 and settings == {'image_topics'}
     assert not [name for name in named | {*Reason} if not re.search(f'[`/]{name}`', page)]
 
 

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording of two cameras, for whoever asks for it."""
 
-import numpy as np
 from pictures import picture
 
-TOPICS, DEPTH = ('/front/image', '/rear/image'), '/front/depth'
+TOPICS = '/front/image', '/rear/image'
 COUNT, STEP_NS = 24, 100_000_000
 
 
@@ -17,9 +16,6 @@ def record_two_cameras(path, start=0):
     for number in range(COUNT):
         stamp_ns = (start + number + 1) * STEP_NS
         late_ns = stamp_ns + 20_000_000
-        depth = np.full((60, 80), 1000 + 10 * number, np.uint16)
-        fields = {'encoding': '16UC1', 'step': 160, 'data': depth.view(np.uint8).ravel()}
         rows.append((TOPICS[0], stamp_ns, image(pictures[number], stamp_ns)))
-        rows.append((DEPTH, stamp_ns, image(depth, stamp_ns, **fields)))
         rows.append((TOPICS[1], late_ns, image(pictures[COUNT - 1 - number], late_ns)))
     return write_ros2(path, rows, StoragePlugin.MCAP)

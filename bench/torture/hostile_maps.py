@@ -27,7 +27,7 @@ from bench.torture.forked import ended
 from bench.torture.maps import crash, drawn, ENCODING, log_of
 
 _PLACES, _SIZE = 20, ('--image-size-px', '64')
-_TABLES = 'about', 'sessions', 'places', 'pictures', 'images', 'links', 'depths', 'vectors'
+_TABLES = 'about', 'sessions', 'places', 'pictures', 'images', 'links', 'vectors'
 _NUMBERS = 0, -1, 2**31, 10**8, 2**53, 2**62, 2**63 - 1, -(2**63), 1.5, -0.0, 1e308, float('inf')
 _SIZES = 0, 1, 255, 256, 257, 10**6  # of a value, in bytes
 _TEXTS = '', 'text', 'x' * 10**6, '[' * 100_000, '{"image_size_px": 1e999}', '{}', '[]', 'null'

@@ -25,7 +25,6 @@ _BURST, _SHARE_OF_CAMERAS, _MOST_PIXELS = 30, 0.05, 48_000_000
 _MOST_MB, _MOST_LEFT_MB = 2_000, 256 + 100
 _NEXT_S, _PATIENCE_S, _LEFT_S = 10.0, 120.0, 10.0  # until the next image, all answers, the end
 _ANSWER_S = 30.0  # until an image after odd messages is answered
-_DEPTH = '/depth'
 _FLOATS = (
     0.0, 1.0, -1.0, 500.0, 5e-324, 2.2e-308, 1e-300, 1e308, float('inf'), float('-inf'),
     float('nan'),
@@ -33,7 +32,7 @@ _FLOATS = (
 _NUMBERS: dict[str, tuple[Any, ...]] = {
     'double': _FLOATS, 'int32': (-(2**31), -1, 0, 1, 2**31 - 1), 'uint32': (0, 1, 480, 2**32 - 1),
 }  # fmt: skip
-_TOPICS = {Odometry: '/odom', CameraInfo: '/camera_info', Clock: '/clock', Image: _DEPTH}
+_TOPICS = {Odometry: '/odom', CameraInfo: '/camera_info', Clock: '/clock'}
 _FIRST_NS, _LAST_NS = -(2**31) * 10**9, 2**31 * 10**9 - 1
 _JUMPS_NS = (10**8, 10**8, 10**8, 0, 1, -1, -(10**9) - 1, 10**9, 10**12, -(10**12), 10**18)
 
@@ -115,7 +114,7 @@ def images(count: int, seed: int, folder: Path) -> Iterator[Try]:
 
 def node_messages(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Send a node odd messages that are no images of the camera."""
-    return _run(Sender.message, count, seed, folder, use_sim_time=True, depth_topic=_DEPTH)
+    return _run(Sender.message, count, seed, folder, use_sim_time=True)
 
 
 def _run(

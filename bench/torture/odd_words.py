@@ -27,7 +27,7 @@ _COMMANDS = (
     'replay drive --map made.db --output @', 'locate @ --map made.db', 'map rename made.db 0 @',
     'map link @', 'report @', 'evaluate @',
 )  # fmt: skip
-_OF_NODES = '-p image_topics:=@', '-p depth_topic:=@', '-r image:=@', '-p @:=1'
+_OF_NODES = '-p image_topics:=@', '-r image:=@', '-p @:=1'
 _OF_TOPICS = b'caf\xe9', b'two\nd-epth', b"it's", b'/a//b', b'd-epth', b'1a', b'{'  # of no topic
 _STREAMS = '', '', '>&-', '2>&-', '>&- 2>&- <&-', '> /dev/full', '2> /dev/full', '| true', 'ulimit'
 _CONVSEQ = sys.executable, '-m', 'convseq_ros.cli'

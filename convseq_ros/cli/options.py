@@ -45,7 +45,7 @@ def add_max_looks(parser: Any, keeps_all: bool = True) -> None:
 
 
 def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
-    """Declare which images are read, and where their poses, cameras and depth come from."""
+    """Declare which images are read, and where their poses and cameras come from."""
     add = parser.add_argument
     several = 'of several cameras, in quotes with spaces between'
     add('--topic', default='', help=f'image topic, if there are several; {several}')
@@ -58,13 +58,11 @@ def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
     base = NodeConfig().base_frame
     help_ = f'frame of the robot in /tf_static, which says where the camera is; default: {base}'
     add('--base-frame', default=base, metavar='NAME', help=help_)
-    help_ = 'depth images registered to the first camera: a topic, or a folder of 16-bit PNGs (mm)'
-    add('--depth', type=local, default='', metavar='TOPIC|FOLDER', help=help_)
 
 
 def chosen_images(chosen: argparse.Namespace) -> dict[str, Any]:
     """Return what `add_images` declares, as `open_each_camera` takes it."""
-    names = 'odom', 'camera_info', 'poses', 'depth'
+    names = 'odom', 'camera_info', 'poses'
     tf = Tf(chosen.base_frame, _given_mount(chosen), note)
     texts = {name: getattr(chosen, name, None) or '' for name in names}
     return {'topics': chosen.topic, 'tf': tf, **texts}

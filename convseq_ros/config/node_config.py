@@ -44,10 +44,6 @@ class NodeConfig(Checked):
         0.05, 'Longest time that a frame waits for odometry at its stamp.',
         unit='s', low=0.0, high=10.0, dynamic=True,
     )
-    depth_topic: str = parameter(
-        '', 'Topic of depth images registered to the camera (16UC1 in mm or 32FC1 in m); with '
-        'them poses need no odometry; empty for none.',
-    )
     base_frame: str = parameter(
         'base_link', 'TF frame of the robot, whose pose ~/pose and ~/closure report.',
         is_frame=True,
@@ -83,9 +79,9 @@ class NodeConfig(Checked):
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
-        topics = [('image_topics', topic) for topic in self.image_topics.split()]
-        for name, topic in (*topics, ('depth_topic', self.depth_topic)):
-            if topic and not _TOPIC.fullmatch(topic):
+        for topic in self.image_topics.split():
+            if not _TOPIC.fullmatch(topic):
                 raise ConfigError(
-                    f'{name}: {topic!r} is no name of a topic; give one such as /camera/image_raw'
+                    f'image_topics: {topic!r} is no name of a topic; give one such as '
+                    '/camera/image_raw'
                 )

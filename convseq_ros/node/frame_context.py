@@ -1,33 +1,23 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Data from other topics for an image: its pose, its depth and its camera."""
+"""Data from other topics for an image: its pose and its camera."""
 
 from collections.abc import Mapping, Sequence
 
 from convseq_ros.config.node_config import NodeConfig
-from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Camera
 from convseq_ros.node.camera_description import CameraDescription
 from convseq_ros.node.camera_mount import Mount
-from convseq_ros.node.depth_images import DepthImages
 from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.odometry_listener import OdometryListener
-from convseq_ros.sources.depth import Depth
 from convseq_ros.sources.topic_rank import camera_info_beside
 
 
 class FrameContext:
-    """Listens to `odom`, and to `camera_info` and depth of the first of the cameras' `topics`."""
+    """Listens to `odom`, and to `camera_info` of the cameras' `topics`."""
 
-    def __init__(
-        self,
-        node: ListeningNode,
-        config: NodeConfig,
-        reading: ReadingConfig,
-        topics: Sequence[str],
-    ) -> None:
+    def __init__(self, node: ListeningNode, config: NodeConfig, topics: Sequence[str]) -> None:
         self.odometry = OdometryListener(node, config.odom_wait_s)
-        self.depth = DepthImages(node, config.depth_topic, config.odom_wait_s, reading)
         mount = Mount(node, config.base_frame)
         infos = {'': 'camera_info'}
         if len(topics) > 1:
@@ -43,16 +33,6 @@ class FrameContext:
             self.odometry.follow(topics['odom'])
         if 'camera_info' in topics:
             self.camera.follow(topics['camera_info'])
-
-    def configure(self, wait_s: float, reading: ReadingConfig) -> None:
-        """Use another time to wait, and other limits of what is read, from now on."""
-        self.odometry.waiting.configure(wait_s)
-        self.depth.configure(wait_s, reading)
-
-    def depth_at(self, topic: str, stamp_ns: int) -> Depth | None:
-        """Return the depth image of an image of a topic; may wait for it."""
-        is_first = self._cameras.get(topic, self.camera) is self.camera
-        return self.depth.at(stamp_ns) if is_first else None
 
     def camera_for(self, topic: str, height: int, width: int) -> Camera | None:
         """Return the camera that takes the images of a topic, of a size in pixels."""

@@ -28,7 +28,7 @@ class OdometryListener:
 
     def __init__(self, node: ListeningNode, wait_s: float) -> None:
         self.frame_id = ''
-        self.missing = Missing(node.get_logger(), 'pose')
+        self.missing = Missing(node.get_logger())
         self._on_pose: Callable[[int, str], None] = lambda _stamp_ns, _frame_id: None
         self._node = node
         self._track = PoseTrack(kept=_KEPT)

@@ -65,14 +65,13 @@ class Search:
 
     offers: Sequence[Offer]
     namespace: str  # ends in a slash
-    depth_topic: str = ''  # is not taken for the camera's
 
     def images(self) -> list[str]:
         """Return the topic of the images: `image`, else that of the best camera."""
         raw = {*self._of(IMAGE)}
         # What is sent below a topic of raw images is another form of them.
         others = [it for it in self._of(COMPRESSED_IMAGE) if it.rpartition('/')[0] not in raw]
-        topics = self._inside({*raw, *others} - {self.depth_topic})
+        topics = self._inside({*raw, *others})
         default = f'{self.namespace}image'
         ranked = best(topics, lambda it: (it != default, image_rank(it, self.namespace)))
         return one_of_each_camera(ranked)

@@ -130,13 +130,10 @@ class Recognition:
         self.logger.error(f'{one_line(error)}{also}')
 
     def _read(self, arrival: Arrival) -> tuple[Frame, float]:
-        """Return a frame with its pose and depth, and the milliseconds that decoding took."""
+        """Return a frame with its pose, and the milliseconds that decoding took."""
         pose = self.context.odometry.pose_at(arrival.stamp_ns)
-        depth_m = self.context.depth_at(arrival.topic, arrival.stamp_ns)
         start_ns = time.perf_counter_ns()
-        frame = replace(self._decode(arrival), pose=pose, depth_m=depth_m)
-        if depth_m is not None and frame.gray is not None:
-            self.context.depth.check(depth_m, frame.gray.shape)
+        frame = replace(self._decode(arrival), pose=pose)
         return frame, (time.perf_counter_ns() - start_ns) / 1e6
 
     def _answer(self, arrival: Arrival, frame: Frame, before_ms: float) -> None:

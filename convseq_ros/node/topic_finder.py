@@ -33,15 +33,10 @@ class TopicFinder:
     """
 
     def __init__(
-        self,
-        node: Node,
-        follow: Callable[[Change], None],
-        image_topics: Sequence[str] = (),
-        depth_topic: str = '',
+        self, node: Node, follow: Callable[[Change], None], image_topics: Sequence[str] = ()
     ) -> None:
         self._node, self._follow = node, follow
         self._namespace = f'{node.get_namespace().rstrip("/")}/'
-        self._depth_topic = node.resolve_topic_name(depth_topic) if depth_topic else ''
         self._used = {name: node.resolve_topic_name(name) for name in _NAMES}
         searched = [name for name in _NAMES if self._used[name] == self._default(name)]
         if image_topics:
@@ -60,7 +55,7 @@ class TopicFinder:
 
     def cameras(self) -> list[str]:
         """Return the topics of the best cameras in the namespace or, without any, elsewhere."""
-        search = Search(offers_of(self._node), self._namespace, self._depth_topic)
+        search = Search(offers_of(self._node), self._namespace)
         return search.images() or replace(search, namespace='/').images()
 
     def _search(self) -> None:
@@ -79,7 +74,7 @@ class TopicFinder:
 
     def _find(self, offers: Sequence[Offer]) -> dict[str, list[str]]:
         """Return the best topics by name; only those of `image` while it is not published."""
-        search = Search(offers, self._namespace, self._depth_topic)
+        search = Search(offers, self._namespace)
         found = {'image': search.images()} if 'image' in self._searched else {}
         image = self._choice('image', found['image']) if found else self._used['image']
         if any(offer.topic == image for offer in offers):

@@ -102,7 +102,7 @@ class VprNode(ManagedNode):
         for line in pipeline.ignored:
             logger.warning(line)
         self._counters, self._stamps = Counters(), Stamps(self)
-        self._frame_context = FrameContext(self, config, self._config.reading, self._chosen)
+        self._frame_context = FrameContext(self, config, self._chosen)
         self._answers = MatchPublishers(
             self, config, lambda: self._frame_context.odometry.frame_id
         )
@@ -145,7 +145,7 @@ class VprNode(ManagedNode):
         self._progress = ProgressLog(
             self, self._counters, lambda: {**self._worker.drops, 'middleware': self._lost()}
         )
-        self._finder = TopicFinder(self, self._on_found, self._chosen, config.depth_topic)
+        self._finder = TopicFinder(self, self._on_found, self._chosen)
         self._warm = self.create_guard_condition(self._on_warm)
 
     def listen(self) -> None:
@@ -255,7 +255,7 @@ class VprNode(ManagedNode):
             return
         self._maps.configure(node_config.save_map_path)
         self._worker.configure(node_config.queue_size, node_config.max_wait_s)
-        self._frame_context.configure(node_config.odom_wait_s, config.reading)
+        self._frame_context.odometry.waiting.configure(node_config.odom_wait_s)
         self._diagnostics.configure(node_config.diagnostics_period_s)
 
         def apply() -> None:
@@ -296,9 +296,9 @@ class VprNode(ManagedNode):
         return '; '.join(images.advice(cameras) for images in self._images)
 
     def _silences(self) -> dict[str, str]:
-        sides = self._frame_context.odometry, self._frame_context.depth
+        odometry = self._frame_context.odometry
         of_images = {it.topic: it.silence(self._finder.cameras) for it in self._images}
-        return of_images | {side.topic: side.silence for side in sides}
+        return of_images | {odometry.topic: odometry.silence}
 
     def _situation(self) -> Situation:
         pipeline, odometry = self._recognition.pipeline, self._frame_context.odometry
@@ -318,8 +318,6 @@ class VprNode(ManagedNode):
                 'result_rows_lost': self._results.lost,
                 'camera_info': self._frame_context.camera.is_calibrated,
                 'frames_without_pose': odometry.missing.count,
-                'frames_without_depth': self._frame_context.depth.missing.count,
-                'depth_unreadable': self._frame_context.depth.unreadable,
                 **(self._transform.values if self._transform else {}),
             },
             transform_problem=self._transform.problem if self._transform else '',

@@ -15,7 +15,6 @@ from convseq_ros.simulation.street import Spot, Street
 from convseq_ros.simulation.view import View
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 _SLOPE_M = 0.5
 _MOST_VIEWS = 2
@@ -56,7 +55,6 @@ class Drive:
     width_px: int = 640
     height_px: int = 480
     field_of_view_deg: float = 80.0  # horizontal
-    has_depth: bool = False  # whether shots have depth images
 
     def __post_init__(self) -> None:
         if self.light not in LIGHTS:
@@ -117,14 +115,13 @@ class Shot:
     distance_m: float  # along the road
     odometry: Pose | None = None  # the measured pose, if it differs from the true pose
     camera: Camera | None = None
-    depth_m: npt.NDArray[np.float32] | None = None  # (H, W), along the optical axis, 0 for the sky
 
     @property
     def frame(self) -> Frame:
         """The shot as a frame, as from other sources."""
         gray = cv2.cvtColor(self.image, cv2.COLOR_BGR2GRAY)
         values = self.stamp_ns, gray, 'simulation', self.pose
-        return Frame(*values, camera=self.camera, depth_m=self.depth_m)
+        return Frame(*values, camera=self.camera)
 
 
 def draw(road: Road, drive: Drive) -> Iterator[Shot]:
@@ -156,9 +153,8 @@ def draw(road: Road, drive: Drive) -> Iterator[Shot]:
         image = view.draw(spot.street_x, spot.street_y, yaw_rad)
         pose = _pose(spot.x, spot.y, spot.yaw_rad)
         exposed = _expose(image, drive, grain, index)
-        depth_m = view.depth_m if drive.has_depth else None
         values = drive.stamp_ns(index), exposed, pose, distance
-        yield Shot(*values, camera=drive.camera, depth_m=depth_m)
+        yield Shot(*values, camera=drive.camera)
 
 
 def _pose(x: float, y: float, yaw_rad: float) -> Pose:

@@ -78,11 +78,6 @@ class View:
         picture: Image = cv2.cvtColor(faded, cv2.COLOR_BGRA2BGR)
         return picture
 
-    @property
-    def depth_m(self) -> Floats:
-        """Depth of the last view, (height, width), along the optical axis; 0 for the sky."""
-        return -np.log(self._clear) * np.float32(self._light.visibility_m)
-
     def _distance(self, panel: Panel) -> float:
         """Return the distance of a panel, by which panels are sorted for occlusion."""
         low, high = sorted((panel.start[0], panel.end[0]))

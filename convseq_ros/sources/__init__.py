@@ -14,7 +14,6 @@ from convseq_ros.errors import SourceError
 from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources.annotated_frames import AnnotatedFrames, CameraOf
 from convseq_ros.sources.camera_info import read_camera_file
-from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
 from convseq_ros.sources.folder import ImageFolder
 from convseq_ros.sources.mount import as_parameter, mount_of, Tf
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
@@ -24,7 +23,6 @@ from convseq_ros.sources.recording import (
     read_poses,
     read_static_transforms,
     Recording,
-    TopicMessages,
 )
 from convseq_ros.sources.recording_names import holds_recording
 from convseq_ros.sources.several_cameras import SeveralCameras
@@ -59,22 +57,21 @@ def open_annotated(
     camera_info: str = '',
     poses: Path | str | None = None,
     reading: ReadingConfig = ReadingConfig(),
-    depth: str = '',
     tf: Tf = Tf(),
 ) -> Source:
     """
-    Open a source as `open_source`, with poses, camera and depth from topics or files.
+    Open a source as `open_source`, with poses and camera from topics or files.
 
     `odom` is a topic of poses, `poses` a text file of them, as TUM or KITTI write it;
-    `camera_info` a topic, a YAML file of ROS or a calib.txt of KITTI; `depth` a topic, or a
-    folder, of images registered to the camera. Where the camera is on the robot is read from
-    /tf_static of a recording, as `tf` says. SourceError if any of them cannot be read.
+    `camera_info` a topic, a YAML file of ROS or a calib.txt of KITTI. Where the camera is on the
+    robot is read from /tf_static of a recording, as `tf` says. SourceError if any of them cannot
+    be read.
     """
     path = Path(path)
     source = open_source(path, topic, reading)
     if odom and poses:
         raise SourceError(f'poses of topic {odom} or of file {poses}: give one of them')
-    if not (odom or poses or camera_info or depth):
+    if not (odom or poses or camera_info):
         return source
     pose_at = _poses(source, path, odom, poses, reading)
     is_folder = path.is_dir() and not holds_recording(path)
@@ -90,14 +87,7 @@ def open_annotated(
     mount = None
     if camera_of and isinstance(source, Recording):
         mount = _mount(source, path, optical_frame, tf, reading)
-    depth_at: DepthAt | None = None
-    if depth and (Path(depth).is_dir() or is_folder):
-        depth_at = DepthFolder(Path(depth), reading, source.warnings)
-    elif depth:
-        messages = TopicMessages(path, depth, DEPTH_TYPES, '--depth', reading)
-        depth_at = DepthTopic(messages, reading, source.warnings)
-    poses_of = str(odom or poses or '')
-    return AnnotatedFrames(source, pose_at, camera_of, depth_at, poses_of, mount, depth)
+    return AnnotatedFrames(source, pose_at, camera_of, str(odom or poses or ''), mount)
 
 
 def _poses(
@@ -159,11 +149,10 @@ def open_each_camera(
     path: Path | str,
     topics: str = '',
     camera_info: str = '',
-    depth: str = '',
     reading: ReadingConfig = ReadingConfig(),
     **poses: Any,
 ) -> list[Source]:
-    """Open a source as `open_annotated` for each of the topics; depth belongs to the first."""
+    """Open a source as `open_annotated` for each of the topics."""
     names, infos = topics.split() or [''], camera_info.split()
     if len(names) == 1:
         infos = [camera_info]
@@ -173,10 +162,9 @@ def open_each_camera(
         raise SourceError(
             f'--camera-info: {len(infos)} for {len(names)} cameras; name one of each, in order'
         )
-    depths = [depth, *[''] * (len(names) - 1)]
     return [
-        open_annotated(path, name, camera_info=info, depth=folder, reading=reading, **poses)
-        for name, info, folder in zip(names, infos or [''] * len(names), depths, strict=True)
+        open_annotated(path, name, camera_info=info, reading=reading, **poses)
+        for name, info in zip(names, infos or [''] * len(names), strict=True)
     ]
 
 

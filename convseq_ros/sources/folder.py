@@ -43,15 +43,11 @@ def pictures_in(path: Path) -> list[Path]:
     return sorted(pictures, key=natural_key)
 
 
-def without_depth(pictures: list[Path]) -> tuple[list[Path], list[Path]]:
-    """Return pictures without the depth images of 7-Scenes, NAME.depth.png, and those."""
+def _depth_images(pictures: list[Path]) -> list[Path]:
+    """Return the depth images of 7-Scenes: NAME.depth.png beside NAME.color.png."""
     names = {picture.name for picture in pictures}
-
-    def is_depth(name: str) -> bool:
-        return _DEPTH in name and name.replace(_DEPTH, _COLOR) in names
-
-    depth = [picture for picture in pictures if is_depth(picture.name)]
-    return [picture for picture in pictures if not is_depth(picture.name)], depth
+    depth = [picture for picture in pictures if _DEPTH in picture.name]
+    return [picture for picture in depth if picture.name.replace(_DEPTH, _COLOR) in names]
 
 
 def unreadable(picture: Path, error: ImageError | OSError) -> str:
@@ -82,11 +78,10 @@ class ImageFolder:
         self.name = printable(path.resolve().name)
         self.topic = ''
         self.warnings: list[str] = []
-        self._pictures, depth = without_depth(self._pictures)
-        if depth:
+        if depth := _depth_images(self._pictures):
+            self._pictures = [one for one in self._pictures if one not in depth]
             self.warnings.append(
-                f'{path}: {len(depth)} depth images, such as {depth[0].name}, are left out; '
-                f'--depth {path} uses them'
+                f'{path}: {len(depth)} depth images, such as {depth[0].name}, are left out'
             )
         self.stamps_ns = self._stamps(path)
 

@@ -68,7 +68,7 @@ def image_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixe
             f'height, width: {height} x {width} px does not suit {message.encoding}; it needs '
             f'at least {least} px and a width divisible by {multiple}'
         )
-    pixels = pixels_of(message, encoding.bytes_per_pixel, reading)
+    pixels = _pixels_of(message, encoding.bytes_per_pixel, reading)
     if encoding.to_bgr is not None:
         return _uint8(cv2.cvtColor(pixels, encoding.to_bgr))
     if encoding.bytes_per_pixel == 3:
@@ -85,7 +85,7 @@ def of_16_bits(values: npt.NDArray[np.uint16]) -> Pixels:
     return (values >> (in_use - 8)).astype(np.uint8)
 
 
-def pixels_of(message: Any, pixel_bytes: int, reading: ReadingConfig) -> Pixels:
+def _pixels_of(message: Any, pixel_bytes: int, reading: ReadingConfig) -> Pixels:
     """Return the bytes (H, W, bytes of a pixel) of a sensor_msgs/Image; ImageError if too few."""
     height, width, step = int(message.height), int(message.width), int(message.step)
     if height < 1 or width < 1:
@@ -124,16 +124,6 @@ def compressed_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) ->
 
 def picture_pixels(data: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """Return a decoded picture (H, W, 3), not rotated; ImageError if damaged or too large."""
-    pixels = decoded(data, _READ_FLAGS, reading)
-    if pixels.dtype == np.uint16:
-        return of_16_bits(pixels)
-    if pixels.dtype != np.uint8:
-        raise ImageError(f'data: a picture of {pixels.dtype} numbers; save it with 8 or 16 bits')
-    return pixels
-
-
-def decoded(data: Any, flags: int, reading: ReadingConfig) -> npt.NDArray[Any]:
-    """Return a picture as OpenCV decodes it; ImageError as `picture_pixels`."""
     encoded = np.frombuffer(data, np.uint8)
     content = data if isinstance(data, bytes) else encoded.tobytes()
     size, pixels = declared_size(content), None
@@ -143,25 +133,24 @@ def decoded(data: Any, flags: int, reading: ReadingConfig) -> npt.NDArray[Any]:
             count = encoded.size
             raise ImageError(f'data: {count} bytes of a JPEG that is cut short; send it whole')
         with suppress(cv2.error):
-            pixels = cv2.imdecode(encoded, flags)
+            pixels = cv2.imdecode(encoded, _READ_FLAGS)
     if pixels is None:
         raise ImageError(
             f'data: {encoded.size} bytes cannot be decoded; expected a whole picture of 8 or 16 '
             'bits, such as JPEG or PNG'
         )
-    return np.asarray(pixels)
+    if pixels.dtype == np.uint16:
+        return of_16_bits(pixels)
+    if pixels.dtype != np.uint8:
+        raise ImageError(f'data: a picture of {pixels.dtype} numbers; save it with 8 or 16 bits')
+    return np.asarray(pixels, np.uint8)
 
 
 def read_picture(path: Path, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """Return the pixels of a picture file, as `picture_pixels`; ImageError, or OSError."""
-    return picture_pixels(picture_bytes(path, reading), reading)
-
-
-def picture_bytes(path: Path, reading: ReadingConfig) -> bytes:
-    """Return the content of a file; ImageError if it is larger than any allowed picture."""
     size = path.stat().st_size
     reading.refuse_image(size // _PIXEL_BYTES, f'data: {size / _MEGA:.3g} MB')
-    return path.read_bytes()
+    return picture_pixels(path.read_bytes(), reading)
 
 
 def _is_cut_jpeg(data: bytes) -> bool:

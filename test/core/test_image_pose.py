@@ -3,13 +3,10 @@
 """What kept images add to the pose of a drawn street, and what damaged ones take away."""
 
 from dataclasses import replace
-import sqlite3
 from types import SimpleNamespace
 
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.core.encoding.upright import upright
-from convseq_ros.core.map.depth_coding import packed_depths, unpacked_depths
 from convseq_ros.core.map.edit import write_new
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -23,11 +20,8 @@ from convseq_ros.core.pose.image_pose import (
 )
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera
-from convseq_ros.simulation.drive import Drive
-from convseq_ros.simulation.street import Street
 import cv2
-from drives import shots_of
-from measured_pose import measured, off, SIZE
+from measured_pose import measured, off
 import numpy as np
 import pytest
 
@@ -122,70 +116,6 @@ def test_a_file_keeps_images_and_answers_as_memory_does(street, whole, tmp_path)
         assert one is None or one.position_m == other.position_m
 
 
-EVERY = Config(keyframes=EVERY_FRAME)
-
-
-@pytest.fixture(scope='module')
-def deep_street():
-    """Return frames with depth of a map, and of a drive in the evening, further left."""
-    street = Street(120.0, 5)
-    there = Drive(num_frames=14, has_depth=True, **SIZE)
-    here = Drive(num_frames=10, start_m=2.4, lane_offset_m=-0.7, light='evening', seed=1, **SIZE)
-    return [[shot.frame for shot in shots_of(street, one)] for one in (there, here)]
-
-
-def blind(frames, change=lambda depth_m: depth_m):
-    """Return frames without odometry, with other depth images."""
-    return [replace(one, pose=None, depth_m=change(one.depth_m)) for one in frames]
-
-
-@pytest.mark.parametrize('index', [9, 10, 11])
-def test_depth_images_give_metres_without_odometry(deep_street, index):
-    query = deep_street[1][8]
-    pose = measured(build_map(blind(deep_street[0]), None, EVERY), query, index)
-    assert off(pose, query, deep_street[0][index])[0] < 0.3
-    assert 0.02 < pose.position_sigma_m < 0.6
-
-
-@pytest.mark.parametrize(
-    'change',
-    [
-        lambda _: None,
-        lambda depth_m: np.full_like(depth_m, np.nan),
-        lambda depth_m: np.full_like(depth_m, np.inf),
-        lambda depth_m: -depth_m,
-        np.zeros_like,
-        lambda depth_m: depth_m[:100],
-        lambda depth_m: depth_m[:0],
-        lambda depth_m: depth_m * np.float32(1e6),
-    ],
-)
-def test_an_invalid_depth_gives_no_metres(deep_street, change):
-    told = build_map(blind(deep_street[0], change), None, EVERY)
-    assert told.pictures([9], True)[0].depths is None
-    assert measured(told, deep_street[1][8], 9).position_m is None
-
-
-def test_depths_are_those_of_the_middles_of_regions():
-    rows, columns = np.indices((320, 640), np.float32)
-    depth_m = 1 + rows / 10 + columns / 100
-    depths = unpacked_depths(packed_depths(depth_m, (320, 640), 32), 32).reshape(30, 30)
-    # The middle cell of the first region is the second cell, rows 10 to 19, columns 20 to 39.
-    assert depths[0, 0] == pytest.approx(1 + 1.45 + 0.295, abs=0.06)
-    assert depths[29, 29] == pytest.approx(1 + 30.45 + 6.095, abs=0.1)
-    shown = depth_m[:160, :160].copy()  # a pixel for each of the 25 that are read in a cell
-    for valid, is_known in ((13, True), (12, False)):
-        shown[5:10, 5:10] = np.where(np.arange(25).reshape(5, 5) < valid, 2.0, 0.0)
-        known = unpacked_depths(packed_depths(shown, (160, 160), 32), 32)
-        assert np.isfinite(known[0]) == is_known and np.isfinite(known[1:]).all()
-    stored = np.array([0.0, 2.0, 2000.0, *[3.0] * 897], '<f2').tobytes()
-    assert np.isnan(unpacked_depths(stored, 32)[:3]).tolist() == [True, False, True]
-    with pytest.raises(ValueError, match='regions'):
-        unpacked_depths(b'\0' * 10, 32)
-    # An image may be a fiftieth wider than its depths, for its height.
-    assert packed_depths(depth_m, (316, 640), 32) and not packed_depths(depth_m, (308, 640), 32)
-
-
 def test_units_of_keypoints_are_those_of_the_image_that_was_searched():
     camera = Camera(640, 480, 500.0, 400.0, 320.0, 240.0)
     view = KeypointView(camera, SimpleNamespace(size_px=(320, 120)))
@@ -214,39 +144,3 @@ def test_a_match_off_its_epipolar_line_is_left_out():
     views[1].keypoints.shares[7] += 0.0, 0.1
     found = views[0].sight_of_scene(views[1], moved).observed
     assert np.flatnonzero(np.isnan(found).any(axis=1)).tolist() == [7]
-
-
-def test_a_camera_on_its_side_has_its_depth_turned_with_it(deep_street):
-    frame = deep_street[0][0]
-    config = replace(Config().encoding, image_rotation_deg=90)
-    turned = upright(frame, config)
-    assert np.array_equal(turned.depth_m, np.rot90(frame.depth_m))
-
-
-def test_a_file_keeps_the_depths_of_the_places_that_have_some(deep_street, tmp_path):
-    path, plain = tmp_path / 'map.sqlite', tmp_path / 'plain.sqlite'
-    held = build_map(blind(deep_street[0]), path, EVERY)
-    build_map(blind(deep_street[0], lambda _: None), plain, EVERY)
-    merged = tmp_path / 'merged.sqlite'
-    write_new(joined([*slices_of(path), *slices_of(plain)]), merged)
-    count = len(deep_street[0])
-    for file, known in ((path, count), (plain, 0), (merged, count)):
-        assert MapReader(file).about()['depths'] == known
-    opened = open_map(merged)
-    kept = [one.depths for one in opened.pictures(range(2 * count), True)]
-    assert kept[:count] == [one.depths for one in held.pictures(range(count), True)]
-    assert kept[count:] == [None] * count
-    query = deep_street[1][8]
-    one, other = measured(held, query, 9), measured(open_map(path), query, 9)
-    assert one.position_m == other.position_m
-
-
-def test_a_damaged_depth_is_counted(deep_street, tmp_path):
-    path = tmp_path / 'map.sqlite'
-    build_map(blind(deep_street[0]), path, EVERY)
-    with sqlite3.connect(path) as database:
-        database.execute("UPDATE depths SET metres = x'00' WHERE reference_index = 9")
-    database.close()
-    opened = open_map(path)
-    assert measured(opened, deep_street[1][8], 9).position_m is None
-    assert opened.unreadable and 'reference 9 fails its checksum' in opened.unreadable_why

@@ -19,7 +19,7 @@ from convseq_ros.fleet.cluster import Cluster, connected
 from convseq_ros.fleet.fleet import Fleet
 from convseq_ros.io.results import read_results
 import pytest
-from two_cameras import COUNT, DEPTH, record_two_cameras, TOPICS
+from two_cameras import COUNT, record_two_cameras, TOPICS
 
 FRAMES = 20
 SETTINGS = '--keyframe-overlap', '1'
@@ -155,7 +155,7 @@ def test_a_setting_that_a_fleet_does_not_support_is_refused(client, drives, name
 
 
 CAMERAS = '--topic', ' '.join(TOPICS)
-KEPT = '--keep-images-px', '40', '--depth', DEPTH, '--keyframe-overlap', '1'
+KEPT = '--keep-images-px', '40', '--keyframe-overlap', '1'
 
 
 @pytest.fixture(scope='module')
@@ -181,18 +181,15 @@ def test_maps_are_those_of_build_map(maps, tmp_path):
     assert [one.name for one in own.sessions] == [one.name for one in built.sessions]
     assert [*own.places] == [*built.places] and len(own) == 2 * COUNT
     pictures = [one.pictures(range(len(own)), True) for one in (own, built)]
-    kept = [[(one.packed.tobytes(), one.image, one.depths) for one in each] for each in pictures]
-    assert kept[0] == kept[1] and all(image for _, image, _ in kept[0])
+    kept = [[(one.packed.tobytes(), one.image) for one in each] for each in pictures]
+    assert kept[0] == kept[1] and all(image for _, image in kept[0])
 
 
-def test_workers_send_images_and_depths(maps, client):
+def test_workers_send_images(maps, client):
     _, made, one = maps
     fleet, merged = Fleet(client, sorted(made.glob('*.db')), Config()), open_map(one)
     asked = [0, COUNT, 3 * COUNT - 1, 2 * COUNT]
     whole = fleet.cameras.first.reference_map.pictures(asked, True)
-    assert [(each.image, each.depths) for each in whole] == [
-        (each.image, each.depths) for each in merged.pictures(asked, True)
-    ]
+    assert [each.image for each in whole] == [each.image for each in merged.pictures(asked, True)]
     assert all(each.image for each in whole)
-    assert [each.depths is not None for each in whole] == [True, False, True, True]
     assert not fleet.cameras.first.reference_map.pictures(asked)[0].image

@@ -28,21 +28,18 @@ DRIVERS = {
     'oak': ('oak', 'bgr8', RELIABLE),
     'phone': ('phone', 'bgr8', RELIABLE),
 }
-TOPICS = {  # by set: image, its CameraInfo, depth with its encoding, odometry
-    'usb_cam': ('/image_raw', '/camera_info', None, None),
-    'v4l2_camera': ('/image_raw', '/camera_info', None, None),
+TOPICS = {  # by set: image, its CameraInfo, odometry
+    'usb_cam': ('/image_raw', '/camera_info', None),
+    'v4l2_camera': ('/image_raw', '/camera_info', None),
     'realsense': (
-        '/camera/camera/color/image_raw', '/camera/camera/color/camera_info',
-        ('/camera/camera/aligned_depth_to_color/image_raw', '16UC1'), None,
+        '/camera/camera/color/image_raw', '/camera/camera/color/camera_info', None,
     ),
     'zed': (
         '/zed/zed_node/rgb/color/rect/image', '/zed/zed_node/rgb/color/rect/camera_info',
-        ('/zed/zed_node/depth/depth_registered', '32FC1'), '/zed/zed_node/odom',
+        '/zed/zed_node/odom',
     ),
-    'oak': (
-        '/oak/rgb/image_raw', '/oak/rgb/camera_info', ('/oak/stereo/image_raw', '16UC1'), None,
-    ),
-    'phone': ('/image_raw', None, None, None),
+    'oak': ('/oak/rgb/image_raw', '/oak/rgb/camera_info', None),
+    'phone': ('/image_raw', None, None),
 }  # fmt: skip
 FROM_GREY = {
     'rgb8': cv2.COLOR_GRAY2RGB, 'bgr8': cv2.COLOR_GRAY2BGR, 'bgra8': cv2.COLOR_GRAY2BGRA,
@@ -68,9 +65,7 @@ def filled(data: np.ndarray, encoding: str) -> Image:
 @pytest.mark.parametrize('driver', DRIVERS)
 def test_the_launch_arguments_of_a_driver_match_its_topics(client, vpr, street, map_path, driver):
     name, encoding, qos = DRIVERS[driver]
-    image, info, depth, odometry = TOPICS[name]
-    chosen = dict(SETS[name])
-    depth_topic = chosen.pop('depth_topic', '')
+    image, info, odometry = TOPICS[name]
     publish = {image: client.node.create_publisher(Image, image, qos)}
     messages = {image: picture(street[3], encoding)}
     header = messages[image].header
@@ -87,13 +82,8 @@ def test_the_launch_arguments_of_a_driver_match_its_topics(client, vpr, street, 
     if odometry:
         messages[odometry].pose.pose.orientation.w = 1.0
         messages[odometry].header.frame_id = 'odom'
-    if depth:
-        topic, kind = depth
-        publish[topic] = client.node.create_publisher(Image, topic, qos)
-        number = np.uint16 if kind == '16UC1' else np.float32
-        messages[topic] = filled(np.full(SHAPE, 2, number), kind)
-    words = [word for at, topic in chosen.items() for word in ('-r', f'{at}:={topic}')]
-    node = vpr(*words, map_path=map_path, fixed_length=1, depth_topic=f'"{depth_topic}"')
+    words = [word for at, topic in SETS[name].items() for word in ('-r', f'{at}:={topic}')]
+    node = vpr(*words, map_path=map_path, fixed_length=1)
     for topic, publisher in publish.items():
         client.wait_for(publisher.get_subscription_count, f'a subscriber of {topic}')
     client.wait_until_known_to('/vpr_node')

@@ -90,13 +90,11 @@ def test_odometry_that_stops_is_a_warning(client, vpr, map_path, street, image, 
     assert capfd.readouterr().err.count('odometry stopped') == 1
 
 
-def test_odometry_and_depth_of_other_types_are_a_warning(client, vpr, map_path, impatient):
-    for topic in ('/odom', '/depth'):
-        client.node.create_publisher(PoseStamped, topic, 1)
-    vpr(map_path=map_path, depth_topic='/depth', **PERIOD)
+def test_odometry_of_another_type_is_a_warning(client, vpr, map_path, impatient):
+    client.node.create_publisher(PoseStamped, '/odom', 1)
+    vpr(map_path=map_path, **PERIOD)
     text = status_with(client, 'no odometry: /odom carries geometry_msgs/msg/PoseStamped').message
     assert ', not nav_msgs/msg/Odometry; remap it: -r odom:=TOPIC' in text
-    assert '/depth carries geometry_msgs/msg/PoseStamped, not sensor_msgs/msg/Image; look' in text
 
 
 def test_a_node_with_the_same_name_is_a_warning(client, vpr, map_path):
@@ -133,11 +131,10 @@ def test_missing_images_are_a_warning_that_is_logged_once(
     assert capfd.readouterr().err.count('no images for') == 1
 
 
-def test_a_camera_and_depth_that_never_come_are_a_warning_beside_a_camera_that_does(
+def test_a_camera_that_never_comes_is_a_warning_beside_one_that_does(
     client, vpr, map_path, impatient, street, image, capfd
 ):
-    topics = {'image_topics': '/front /rear', 'depth_topic': '/depth'}
-    vpr(map_path=map_path, **topics, **PERIOD)
+    vpr(map_path=map_path, image_topics='/front /rear', **PERIOD)
     camera = client.camera(Image, '/front')
     heard = client.listen(DiagnosticArray, '/diagnostics')
     stamps = count(1)
@@ -145,12 +142,11 @@ def test_a_camera_and_depth_that_never_come_are_a_warning_beside_a_camera_that_d
     def told():
         camera.publish(image(street[0], next(stamps) * SECOND))
         text = heard[-1].status[0].message if heard else ''
-        wanted = 'no images for', '/rear has no publisher; look', '; no depth images for'
+        wanted = 'no images for', '/rear has no publisher; look'
         return all(one in text for one in wanted) and '/front' not in text
 
     client.wait_for(told)
-    log = capfd.readouterr().err
-    assert log.count('/rear has no publisher') == log.count('nothing on /depth') == 1
+    assert capfd.readouterr().err.count('/rear has no publisher') == 1
 
 
 def test_a_camera_is_reported_once_each_time_that_it_stops(

@@ -42,7 +42,6 @@ def test_a_camera_that_is_named_twice_is_refused():
     [
         (('-r', 'image:=/odom'), {}, '/odom: it cannot carry both .*/Image and .*/Odometry; give'),
         (('-r', 'odom:=/camera_info'), {}, '/camera_info: it cannot carry both .*/Odometry and'),
-        ((), {'depth_topic': '/odom'}, '/odom: it cannot carry both .*/Odometry and .*/Image'),
         ((), {'image_topics': '/odom'}, '/odom: it cannot carry both'),
         (('-r', 'image:=/clock'), {'use_sim_time': True}, '/clock: it cannot carry both .*/Clock'),
         (('-r', 'image:=/diagnostics'), {}, '/diagnostics: it cannot carry both .*/Image and'),

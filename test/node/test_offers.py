@@ -57,10 +57,6 @@ def test_compressed_images_are_known_by_their_type():
     assert found([Offer('/scan', 'sensor_msgs/msg/LaserScan')]) == []
 
 
-def test_the_depth_topic_is_not_taken_as_the_camera():
-    assert found(images('/left', '/right'), depth_topic='/left') == ['/right']
-
-
 @pytest.mark.parametrize('picture', ['/robot1/vpr_node/debug_image', '/drawn'])
 def test_topics_that_a_vpr_node_publishes_are_left_out(picture):
     offers = [Offer(picture, IMAGE, ('/robot1/vpr_node',)), *images('/robot1/vpr_node2/image')]

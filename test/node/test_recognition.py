@@ -46,7 +46,6 @@ class Setup:
         self.ros_is_up = Mock(return_value=True)
         self.surroundings = Mock()
         self.surroundings.odometry.pose_at.return_value = POSE
-        self.surroundings.depth_at.return_value = None
         self.surroundings.camera_for.return_value = CAMERA
         self.recognition = Recognition(
             pipeline,

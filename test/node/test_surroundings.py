@@ -1,23 +1,20 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry, depth, camera_info and TF complete the frames."""
+"""Odometry, camera_info and TF complete the frames."""
 
 import sys
 import threading
 from types import SimpleNamespace
 from unittest.mock import Mock
 
-from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Camera
-from convseq_ros.node import depth_images, odometry_listener
+from convseq_ros.node import odometry_listener
 from convseq_ros.node.camera_mount import Mount
 from convseq_ros.node.conversions import stamp_from_ns
 from convseq_ros.node.qos import LATCHED
 from nav_msgs.msg import Odometry
-import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 
 SECOND = 1_000_000_000
@@ -195,60 +192,6 @@ def test_odometry_that_is_not_a_pose_or_has_no_stamp_is_one_warning(monkeypatch)
     assert not tracked.odometry.heard
     warning = tracked.node.get_logger.return_value.warning
     assert all(call.kwargs['once'] for call in warning.call_args_list)
-
-
-def depth(stamp_ns, millimetres=1500, encoding='16UC1'):
-    data = np.full((4, 6), millimetres, '<u2').tobytes()
-    message = Image(height=4, width=6, encoding=encoding, step=12, data=data)
-    message.header.stamp = stamp_from_ns(stamp_ns)
-    return serialize_message(message)
-
-
-@pytest.fixture
-def heard(monkeypatch):
-    """Return depth images that hear what the test says, and what says it."""
-    subscription = Mock()
-    subscription.return_value.topic = '/depth'
-    monkeypatch.setattr(depth_images, 'FollowingSubscription', subscription)
-    images = depth_images.DepthImages(Mock(), '/depth', 0.001, ReadingConfig())
-    return images, subscription.call_args.args[3]
-
-
-def test_a_frame_gets_the_depth_of_its_moment(heard):
-    images, hear = heard
-    assert images.at(SECOND) is None and images.missing.count == 0
-    hear(depth(SECOND, 1500))
-    hear(depth(SECOND + 100 * MS, 1600))
-    assert images.at(SECOND + 5 * MS)[0, 0] == pytest.approx(1.5)
-    assert images.at(SECOND + 98 * MS)[0, 0] == pytest.approx(1.6)
-    assert images.at(SECOND + 50 * MS) is None and images.missing.count == 1
-
-
-def test_depth_by_another_clock_is_reported_once(heard):
-    images, hear = heard
-    for number in range(40):
-        hear(depth((3 + number) * SECOND))
-        assert images.at((1 + number) * SECOND + 500 * MS) is None
-    (told,) = images.missing._logger.warning.call_args_list
-    assert told.args[0].startswith('/depth: has no depth image at the time of the images; its')
-    assert 'newest stamp is 1.5 s later; check that it comes' in told.args[0]
-
-
-def test_depth_of_other_proportions_is_counted_and_told(heard):
-    images, hear = heard
-    hear(depth(SECOND))  # of 6 x 4 px
-    for shape, counted in (((400, 600), 0), ((480, 640), 1)):
-        images.check(images.at(SECOND), shape)
-        assert images.unreadable == counted
-    (told,) = images._once._logger.warning.call_args_list
-    line = '/depth: depth images of 6 x 4 px cannot be registered to images of 640 x 480 px'
-    assert told.args[0].startswith(line)
-
-
-def test_an_invalid_depth_image_is_counted(heard):
-    images, hear = heard
-    hear(depth(SECOND, encoding='rgb8'))
-    assert images.at(SECOND) is None and images.unreadable == 1
 
 
 LENS = SimpleNamespace(x=-0.5, y=0.5, z=-0.5, w=0.5)  # x right, y down, z ahead: REP-103

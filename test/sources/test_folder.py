@@ -68,17 +68,16 @@ def test_file_names_of_which_only_some_are_times_are_reported(tmp_path):
     assert '1 of 3 names have no time, such as cover.png; images count as 0.1 s apart' in line
 
 
-def test_depth_images_beside_colour_images_are_depth(tmp_path):
+def test_depth_images_beside_colour_images_are_left_out(tmp_path):
     for number in range(2):
         draw(tmp_path / f'frame-{number:06}.color.png', 100 + number)
         depth = np.full((6, 8), 1000 + number, np.uint16)
         cv2.imwrite(str(tmp_path / f'frame-{number:06}.depth.png'), depth)
-    source = open_annotated(tmp_path, depth=str(tmp_path))
+    source = open_source(tmp_path)
     frames = list(source)
     assert [frame.gray[0, 0] for frame in frames] == [100, 101]
-    assert [float(frame.depth_m[0, 0]) for frame in frames] == pytest.approx([1.0, 1.001])
     (line,) = source.warnings
-    assert '2 depth images, such as frame-000000.depth.png, are left out; --depth' in line
+    assert '2 depth images, such as frame-000000.depth.png, are left out' in line
 
 
 def test_poses_of_other_times_than_the_pictures_are_refused(tmp_path):

@@ -28,7 +28,7 @@ def upright(frame: Frame, encoding: EncodingConfig, robot: RobotConfig = RobotCo
     def turned(image: Any) -> Any:
         return image if image is None else np.ascontiguousarray(np.rot90(image, turns))
 
-    names = ('gray', 'depth_m', 'color') if turns else ()
+    names = ('gray', 'color') if turns else ()
     images = {name: turned(getattr(frame, name)) for name in names}
     return replace(frame, camera=camera, **images)
 

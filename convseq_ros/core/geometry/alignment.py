@@ -118,20 +118,18 @@ def start_by_points(structure: Structure, sight: Sight) -> Matrix | None:
     return None
 
 
-def correct_parallax_loss(found: Alignment, along: Doubles | None) -> Alignment:
+def correct_parallax_loss(found: Alignment, along: Doubles) -> Alignment:
     """
     Return a motion with a corrected part across the map's drive, and the turn that compensates it.
 
     Large parallax is underestimated: the field is smoothed, and near regions leave the search.
     Along the line to the neighbours, whose parallax gave the depths, the error cancels. Across it,
     the missing part was taken for a turn.
-    `along` is that line in the reference's lens, a unit vector (3,); None if depths were measured.
+    `along` is that line in the reference's lens, a unit vector (3,).
     """
     translation, information = found.moved[:3, 3], found.information
-    across = translation
-    if along is not None:
-        ahead = found.moved[:3, :3] @ along
-        across = translation - (translation @ ahead) * ahead
+    ahead = found.moved[:3, :3] @ along
+    across = translation - (translation @ ahead) * ahead
     missed = ALIGNMENT.shrunk * found.cells_per_m * float(np.linalg.norm(across)) * across
     turn = -np.linalg.solve(information[:3, :3], information[:3, 3:] @ missed)
     moved = found.moved.copy()

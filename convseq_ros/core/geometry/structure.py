@@ -29,10 +29,6 @@ class DEPTH:
     least_information: float = 1.0
     no_motion: float = 1e-6  # added to the information of a motion, so that it can be inverted
     least_ahead: float = 0.05  # smallest z per ray: no point is at the lens or behind it
-    # Sigma of a measured depth, as a share of it: sensor noise, and depths mixed in a region.
-    measured_share: float = 0.1
-    # Share of the median depth; nearer regions move beyond the search and are not used.
-    nearest_share: float = 0.5
     usual_inverse_m: float = 0.05  # assumed for regions of unknown depth, to guess their motion
 
 
@@ -79,16 +75,6 @@ def triangulate(rays: Doubles, sights: Sequence[Sight]) -> Structure:
         step = slopes / np.maximum(information, DEPTH.least_information)
         inverse = (inverse - step).clip(0.0, 1 / DEPTH.nearest_m)
     information[information < DEPTH.least_information] = 0
-    return Structure(rays, inverse, information)
-
-
-def with_depths(rays: Doubles, depths_m: Doubles) -> Structure:
-    """Return rays (n, 3) with measured depths (n,); NaN and much too near ones are unknown."""
-    nearest_m = DEPTH.nearest_share * float(np.nanmedian(depths_m))
-    with np.errstate(invalid='ignore'):
-        used = depths_m >= nearest_m
-    inverse = np.where(used, 1 / np.where(used, depths_m, 1.0), 0.0)
-    information = np.where(used, (depths_m / DEPTH.measured_share) ** 2, 0.0)
     return Structure(rays, inverse, information)
 
 

@@ -9,7 +9,14 @@ import sqlite3
 import time
 from typing import Any
 
-from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, row_crc, SCHEMA, TABLES
+from convseq_ros.core.map.format import (
+    APPLICATION_ID,
+    FORMAT_VERSION,
+    row_crc,
+    SCHEMA,
+    TABLES,
+    UNUSED,
+)
 from convseq_ros.errors import MapError
 
 Rows = list[tuple[Any, ...]]
@@ -153,7 +160,7 @@ class Database:
             raise MapError(
                 f'{path}: map format {version}, this program reads {FORMAT_VERSION}; {remedy}'
             )
-        tables = self.rows('SELECT name, sql FROM sqlite_master')
+        tables = [row for row in self.rows('SELECT name, sql FROM sqlite_master') if row != UNUSED]
         if sorted(tables) != sorted(SCHEMA.items()):
             others = sorted({str(name) for name, _ in tables} - SCHEMA.keys())
             raise ValueError(f'unknown tables {others}' if others else 'tables with other columns')

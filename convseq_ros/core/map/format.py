@@ -44,15 +44,18 @@ TABLES = {
     # Relative: the 33 float64 of a `RelativePose`; NULL if it was not measured.
     'links': '(place INTEGER PRIMARY KEY, other INTEGER, anchor INTEGER, confidence REAL, '
     'inliers INTEGER, relative BLOB, crc32 INTEGER NOT NULL)',
-    # Depths of a place's regions; no row if there are none.
-    'depths': '(reference_index INTEGER PRIMARY KEY, metres BLOB NOT NULL, '
-    'crc32 INTEGER NOT NULL)',
     # The descriptor model's vector, float16 of unit length, in a map that also keeps cells. A map
     # without cells stores it as `pooled`.
     'vectors': '(reference_index INTEGER PRIMARY KEY, numbers BLOB NOT NULL, '
     'crc32 INTEGER NOT NULL)',
 }
 SCHEMA = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
+# A table that earlier programs made, which nothing reads.
+UNUSED = (
+    'depths',
+    'CREATE TABLE depths (reference_index INTEGER PRIMARY KEY, metres BLOB NOT NULL, '
+    'crc32 INTEGER NOT NULL)',
+)
 # Settings of an encoding that a map stores, and those that must be the same for its queries.
 _LEFT_OUT = {'descriptor_model': '', 'keeps_cells': True}  # defaults, which are not stored
 _ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg', *_LEFT_OUT)

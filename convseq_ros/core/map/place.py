@@ -42,7 +42,6 @@ class Picture:
     thumbnail: bytes = b''  # a small JPEG for people; empty if none was kept
     keypoints: bytes = b''  # as `encoding.keypoints` stores them; empty if none were kept
     image: bytes | None = None  # the frame as a JPEG, if it was kept
-    depths: bytes | None = None  # of the regions, from `packed_depths`
 
 
 def pack_cells(cells: Cells) -> Packed:

@@ -115,8 +115,8 @@ class MapReader:
             return self._end()
 
     def about(self) -> dict[str, Any]:
-        """Return the rows of `about`, and the numbers of thumbnails, images and depths."""
-        names = 'thumbnails', 'keypoints', 'keypoint_bytes', 'images', 'image_bytes', 'depths'
+        """Return the rows of `about`, and the numbers of thumbnails, keypoints and images."""
+        names = 'thumbnails', 'keypoints', 'keypoint_bytes', 'images', 'image_bytes'
         counts = dict.fromkeys(names, 0)
         with self._snapshot():
             for start in range(0, self._end(), _ROWS_AT_ONCE):
@@ -129,7 +129,6 @@ class MapReader:
                     ('image_bytes', 'coalesce(sum(length(jpeg)), 0) FROM images'),
                 ):
                     counts[name] += self._database.number(f'SELECT {query} {block}')
-            counts['depths'] = self._database.number('SELECT count(*) FROM depths')
         return {**self._about, **counts}
 
     def sessions(self) -> list[MapSession]:
@@ -148,8 +147,8 @@ class MapReader:
         with self._snapshot():
             sessions = self._sessions()
             places = Places(vector_length(self.encoding), self._end())
-            kept = 'depths', 'images WHERE jpeg IS NOT NULL'
-            keeps_images = any(self._database.rows(f'SELECT 1 FROM {it} LIMIT 1') for it in kept)
+            kept = 'SELECT 1 FROM images WHERE jpeg IS NOT NULL LIMIT 1'
+            keeps_images = bool(self._database.rows(kept))
             block = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
             while rows := self._database.checked('places', block, (len(places), _ROWS_AT_ONCE)):
                 start, numbers = len(places), [row[-3] for row in rows]
@@ -188,7 +187,6 @@ class MapReader:
                 block = wanted[start : start + _PICTURES_AT_ONCE]
                 stored = self._of_places('pictures', block)
                 images = self._of_places('images', block) if with_images else {}
-                depths = self._of_places('depths', block, are_all=False) if with_images else {}
                 for index in block:
                     cells, thumbnail, keypoints = stored[index]
                     if not (isinstance(thumbnail, bytes) and isinstance(keypoints, bytes)):
@@ -196,17 +194,15 @@ class MapReader:
                     packed = NO_CELLS
                     if self.encoding.keeps_cells:
                         packed = decode_cells(cells, self._cell_shape)
-                    optional = *images.get(index, (None,)), *depths.get(index, (None,))
-                    pictures[index] = Picture(packed, thumbnail, keypoints, *optional)
+                    (image,) = images.get(index, (None,))
+                    pictures[index] = Picture(packed, thumbnail, keypoints, image)
         return [pictures[index] for index in indices]
 
-    def _of_places(
-        self, table: str, indices: list[int], are_all: bool = True
-    ) -> dict[int, tuple[Any, ...]]:
-        """Return rows of a table by index; ValueError if one is missing and `are_all`."""
+    def _of_places(self, table: str, indices: list[int]) -> dict[int, tuple[Any, ...]]:
+        """Return rows of a table by index; ValueError if one is missing."""
         where = f'WHERE reference_index IN ({", ".join("?" * len(indices))})'
         rows = {row[0]: row[1:-1] for row in self._database.checked(table, where, tuple(indices))}
-        if are_all and (missing := [index for index in indices if index not in rows]):
+        if missing := [index for index in indices if index not in rows]:
             raise ValueError(f'reference {missing[0]} is missing')
         return rows
 

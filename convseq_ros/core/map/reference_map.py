@@ -16,7 +16,6 @@ from convseq_ros.core.encoding.mask import without_path
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.arrays import Places
-from convseq_ros.core.map.depth_coding import Depths, packed_depths, unpacked_depths
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.image_coding import decode_image, encode_image, thumbnail
 from convseq_ros.core.map.place import NO_CELLS, pack_cells, Packed, Picture, Place, unpack_cells
@@ -38,7 +37,7 @@ class ReferenceMap:
     they are damaged. One thread may add places while others read: a place gets its index when it
     is complete. A place takes 0.7 kB of memory, and 16 kB more until it is stored. `keyframes` is
     the spacing of places and of matched frames. `map_id` is a UUID, a new one unless the map is
-    read from a file; `links` connect places that show the same scene. Images and depths are read
+    read from a file; `links` connect places that show the same scene. Images are read
     only if `keeps_images`; `unreadable` counts those that could not be decoded, and
     `unreadable_why` explains the last of them.
     """
@@ -66,7 +65,7 @@ class ReferenceMap:
         self._usual_mount: Pose | None = None
         self.links = Links(self.bounds.around) if links is None else links
         self.problem = problem  # one line about damage that does not prevent the use of the map
-        self.keeps_images = keeps_images  # whether there may be images or depths
+        self.keeps_images = keeps_images  # whether there may be images
         self.unreadable, self.unreadable_why = 0, ''
         # The newest image whose keypoints were detected, how many at most, and these.
         self._detected: tuple[Gray, int, StoredKeypoints] | None = None
@@ -102,17 +101,16 @@ class ReferenceMap:
         if not self.sessions:
             self.begin_session(frame.stamp_ns, frame.camera)
         place = Place(frame.stamp_ns, frame.source, frame.pose, len(self.sessions) - 1)
-        image, depths = None, None
+        image = None
         corners = b'' if descriptor.keypoints is None else descriptor.keypoints.tobytes()
         if (gray := frame.gray) is not None:
             small, image = thumbnail(gray, thumbnail_width_px), encode_image(gray, keep_images_px)
-            depths = packed_depths(frame.depth_m, gray.shape, self.cell_shape[0])
             corners = self.detect(gray, keypoints).tobytes()
         packed, vector = pack_cells(descriptor.cells), descriptor.vector
         if not self.encoding.keeps_cells:
             vector = global_descriptor(unpack_cells(packed)) if vector is None else vector
             packed = NO_CELLS
-        self.add(place, packed, small, vector, image, depths, corners)
+        self.add(place, packed, small, vector, image, corners)
 
     def add(
         self,
@@ -121,7 +119,6 @@ class ReferenceMap:
         thumbnail: bytes = b'',
         descriptor: npt.ArrayLike | None = None,
         image: bytes | None = None,
-        depths: bytes | None = None,
         keypoints: bytes = b'',
     ) -> None:
         """Append a place; its global descriptor (n,) is computed from the cells by default."""
@@ -135,8 +132,8 @@ class ReferenceMap:
             descriptor = global_descriptor(unpack_cells(packed))
         if not self.sessions:
             self.begin_session(place.stamp_ns)
-        self.keeps_images |= image is not None or depths is not None
-        self._in_memory.append(Picture(packed, thumbnail, keypoints, image, depths))
+        self.keeps_images |= image is not None
+        self._in_memory.append(Picture(packed, thumbnail, keypoints, image))
         self.places.append(place, descriptor)
 
     def begin_session(
@@ -225,11 +222,6 @@ class ReferenceMap:
             return stored if len(stored) else None
 
         return self._decoded('keypoints', index, decode, with_images=False)
-
-    def depths(self, index: int) -> Depths | None:
-        """Return the depths of a place's regions; None if there are none, or they are damaged."""
-        cells = self.cell_shape[0]
-        return self._decoded('depth', index, lambda kept: unpacked_depths(kept.depths, cells))
 
     def _decoded(
         self, what: str, index: int, decode: Callable[[Picture], Any], with_images: bool = True

@@ -112,8 +112,6 @@ class MapWriter:
         self._insert('places', index, *numbers, descriptor)
         self._insert('pictures', index, cells, picture.thumbnail, picture.keypoints)
         self._insert('images', index, picture.image)
-        if picture.depths is not None:
-            self._insert('depths', index, picture.depths)
         if has_both:
             self._insert('vectors', index, vector)
         self._count += 1

@@ -3,32 +3,30 @@
 """
 The robot's pose relative to the place that it recognised: metric, from a single camera.
 
-(1) The reference's regions get depths from its depth image, or by triangulation with neighbours
-of the same drive, using the map's poses. (2) The displacement field from reference to query gives
-the pose. (3) If another place is at least 0.3 m nearer to the result, the pose is measured again
-from there, as errors grow with the distance. (4) If the map keeps images, keypoints refine it.
+(1) The reference's regions get depths by triangulation with neighbours of the same drive, using
+the map's poses. (2) The displacement field from reference to query gives the pose. (3) If another
+place is at least 0.3 m nearer to the result, the pose is measured again from there, as errors grow
+with the distance. (4) If the map keeps images, keypoints refine it.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.geometry.alignment import align, Alignment, correct_parallax_loss
 from convseq_ros.core.geometry.displacement import found_in, PackedRegions
 from convseq_ros.core.geometry.lens import is_usable, rays
-from convseq_ros.core.geometry.structure import DEPTH, Sight, Structure, triangulate, with_depths
+from convseq_ros.core.geometry.structure import DEPTH, Sight, triangulate
 from convseq_ros.core.geometry.two_view import two_view
 from convseq_ros.core.geometry.uncertainty import base_pose, base_pose_of_two_views, ERROR
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.image_pose import ImagePoses, LensView
-from convseq_ros.core.pose.map_motion import MapMotion, NEIGHBOURS
+from convseq_ros.core.pose.map_motion import MapMotion
 from convseq_ros.core.rigid import inverse, Matrix, matrix
 from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import Camera, Candidate, Doubles, Frame, Pose, RelativePose, Shift
 import numpy as np
-
-_KEPT = 64  # places whose measured depths are cached
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +76,6 @@ class RelativePoses:
     ) -> None:
         self._map, self._matcher = reference_map, matcher
         self.motion = MapMotion(reference_map)
-        self._measured = lru_cache(_KEPT)(reference_map.depths)
         self._images = ImagePoses(reference_map, self.motion, reading.max_image_mpx)
 
     def measure(self, features: Features, frame: Frame, found: Candidate) -> RelativePose | None:
@@ -96,13 +93,13 @@ class RelativePoses:
         self, index: int, reference: CellView, query: CellView, shift: Shift
     ) -> RelativePose | None:
         sight = reference.sight_from(query, np.eye(4), (-round(shift[0]), -round(shift[1])))
-        aligned = self._aligned(index, reference, sight, query)
+        aligned = self._aligned(index, reference, sight)
         if aligned is None:
             both = two_view(reference.rays[:, :2], sight.observed, sight.scale)
             if both is None:
                 return None
             pose = base_pose_of_two_views(both, reference.base_lens, query.base_lens)
-            return replace(pose, explains=False) if self._knows_depth(index, reference) else pose
+            return replace(pose, explains=False) if self._neighbours(index, reference) else pose
         pose = base_pose(aligned, reference.base_lens, query.base_lens)
         if (nearest := self.motion.nearest(index, pose)) != index:
             pose = self._measured_from(nearest, index, aligned, query) or pose
@@ -117,7 +114,7 @@ class RelativePoses:
             return None
         lens = inverse(reference.base_lens) @ between @ reference.base_lens
         guess = aligned.moved @ lens
-        again = self._aligned(nearest, reference, reference.sight(query, guess), query)
+        again = self._aligned(nearest, reference, reference.sight(query, guess))
         if again is None:
             return None
         return base_pose(again, between @ reference.base_lens, query.base_lens)
@@ -142,14 +139,8 @@ class RelativePoses:
         pose = base_pose(aligned, lens, query.base_lens, ERROR.keypoints)
         return pose if pose.position_m is not None else None
 
-    def _aligned(
-        self, index: int, reference: CellView, sight: Sight, query: CellView
-    ) -> Alignment | None:
-        """Return the alignment of a query; None without depths, or if few regions agree."""
-        depths_m = self._depths(index)
-        if depths_m is not None:
-            structure = with_depths(reference.rays, depths_m)
-            return _aligned_by_depth(structure, reference, sight, query)
+    def _aligned(self, index: int, reference: CellView, sight: Sight) -> Alignment | None:
+        """Return the alignment of a query; None without neighbours, or if few regions agree."""
         around = self._neighbours(index, reference)
         if not around:
             return None
@@ -162,14 +153,6 @@ class RelativePoses:
         baseline_m = float(np.linalg.norm(neighbours[0]))
         result = replace(result, baseline_m=baseline_m, neighbours=neighbours)
         return correct_parallax_loss(result, neighbours[0] / baseline_m)
-
-    def _knows_depth(self, index: int, reference: CellView) -> bool:
-        return self._depths(index) is not None or bool(self._neighbours(index, reference))
-
-    def _depths(self, index: int) -> Doubles | None:
-        """Return the measured depths (n,) of a place's regions, if it has any."""
-        depths_m = self._measured(index)
-        return depths_m if depths_m is not None and np.isfinite(depths_m).any() else None
 
     def _neighbours(self, index: int, reference: CellView) -> list[tuple[CellView, Matrix]]:
         """Return views of a place's neighbours, with the motions of the lens to them."""
@@ -185,16 +168,3 @@ class RelativePoses:
         regions = self._matcher.packed(index)
         reference_camera = self._map.camera_of(index, camera)
         return None if regions is None else CellView(reference_camera, regions)
-
-
-def _aligned_by_depth(
-    structure: Structure, reference: CellView, sight: Sight, query: CellView
-) -> Alignment | None:
-    """Return the alignment of a query with measured depths; None if few regions agree."""
-    first = align(structure, sight)
-    if first is None:
-        return None
-    # The search is repeated around the first result.
-    again = reference.sight(query, first.moved)
-    second = align(structure, again)
-    return second and correct_parallax_loss(replace(second, baseline_m=NEIGHBOURS.apart_m), None)
