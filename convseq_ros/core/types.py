@@ -193,9 +193,8 @@ class RelativePose:
     """
     The base's pose at the query in its frame at the reference: x ahead, y left, z up.
 
-    The rotation is always known. Without a scale, `position_m` is None; without a baseline, so is
-    `direction`. Unknown directions of the position have a variance of `UNKNOWN_M2`. Two poses are
-    never equal.
+    The rotation is always known. `position_m` is None if it is too unsure; its directions have a
+    variance of `UNKNOWN_M2` then. Two poses are never equal.
     """
 
     orientation: Quaternion

@@ -53,11 +53,9 @@ def test_a_drawn_street_gives_the_pose_in_metres(street, made, index):
     assert (np.linalg.eigvalsh(pose.covariance) > 0).all()
 
 
-def test_a_map_without_poses_gives_no_metres(street, made):
+def test_a_map_without_poses_gives_none(street, made):
     bare = [replace(one, pose=None) for one in street[0]]
-    pose = made(street[1][9], 11, bare)
-    assert pose.position_m is None and pose.covariance[0, 0] == 1e6 and pose.explains
-    assert math.hypot(*pose.orientation) == pytest.approx(1)
+    assert made(street[1][9], 11, bare) is None
 
 
 @pytest.mark.parametrize('index', [9, 10, 13, 14])
@@ -78,8 +76,6 @@ def test_a_camera_of_impossible_numbers_measures_nothing(street, made):
 def test_an_image_of_the_map_is_located_at_its_own_place(street, made):
     pose = made(street[0][11], 11)
     assert math.hypot(*pose.position_m) < 0.05
-    bare = [replace(one, pose=None) for one in street[0]]
-    assert made(street[0][11], 11, bare).direction is None
 
 
 @pytest.mark.parametrize('turn_rad', [0.3, -0.3])

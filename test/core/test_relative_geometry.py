@@ -8,7 +8,6 @@ import math
 from convseq_ros.core.geometry.alignment import align, Alignment
 from convseq_ros.core.geometry.lens import is_usable, rays
 from convseq_ros.core.geometry.structure import Sight, Structure, triangulate
-from convseq_ros.core.geometry.two_view import two_view
 from convseq_ros.core.geometry.uncertainty import base_pose, ERROR
 from convseq_ros.core.rigid import (
     inverse,
@@ -133,25 +132,6 @@ def test_unrelated_displacements_are_aligned_with_nothing():
     chance = np.random.default_rng(2).uniform(-0.6, 0.6, (len(ahead), 2))[:150]
     few = Structure(ahead[:150], inverse_m[:150], np.full(150, 1e6))
     assert align(few, Sight(chance, np.eye(4), SCALE)) is None
-
-
-def test_two_views_give_the_rotation_and_the_direction():
-    ahead, inverse_m = scene()
-    found = two_view(ahead[:, :2], projected(ahead, inverse_m, MOVED), SCALE)
-    assert found.turned == pytest.approx(MOVED[:3, :3], abs=5e-3)
-    translation = inverse(MOVED)[:3, 3]
-    assert found.direction @ translation / np.linalg.norm(translation) > 0.99
-
-
-def test_a_turn_on_the_spot_has_no_direction():
-    ahead, inverse_m = scene()
-    turned = MOVED.copy()
-    turned[:3, 3] = 0
-    found = two_view(ahead[:, :2], projected(ahead, inverse_m, turned), SCALE)
-    assert found.direction is None
-    assert found.turned == pytest.approx(turned[:3, :3], abs=1e-4)
-    assert two_view(ahead[:, :2], ahead[:, :2], SCALE).direction is None
-    assert two_view(ahead[:9, :2], ahead[:9, :2], SCALE) is None
 
 
 def test_the_covariance_of_a_base_is_that_of_its_lens_moved_there():

@@ -5,7 +5,6 @@
 from dataclasses import dataclass, replace
 
 from convseq_ros.core.geometry.alignment import Alignment
-from convseq_ros.core.geometry.two_view import TwoView
 from convseq_ros.core.rigid import cross, inverse, Matrix, quaternion, vector
 from convseq_ros.core.types import constants, RelativePose, UNKNOWN_M2, Vector
 import numpy as np
@@ -50,8 +49,7 @@ class ERROR:
     unsure_share: float = 0.5  # of the distance
     # Least shares of regions that agree; most poses with errors over 1 m have smaller ones.
     least_share: float = 0.35  # with fewer, the pose does not explain the images
-    position_share: float = 0.5  # for a position, and for two views
-    two_view_rad: float = 0.1  # sigma of turns without depth, by hand on road_1 and road_2
+    position_share: float = 0.5  # for a position
 
 
 def base_pose(
@@ -89,19 +87,6 @@ def base_pose(
     if is_unsure or not explains:
         return replace(pose, position_m=None, covariance=_of_turns(covariance[3:, 3:]))
     return pose
-
-
-def base_pose_of_two_views(
-    found: TwoView, base_reference: Matrix, base_query: Matrix
-) -> RelativePose:
-    """Return the pose without a position; the direction is that between the lenses."""
-    turn = base_reference[:3, :3] @ found.turned.T @ base_query[:3, :3].T
-    direction = (
-        None if found.direction is None else _unit(base_reference[:3, :3] @ found.direction)
-    )
-    covariance = _of_turns(np.eye(3) * ERROR.two_view_rad**2)
-    explains = found.share >= ERROR.position_share
-    return RelativePose(quaternion(turn), None, direction, covariance, found.inliers, explains)
 
 
 def _far(found: Alignment, translation: Matrix) -> Matrix:

@@ -18,8 +18,7 @@ from convseq_ros.core.geometry.alignment import align, Alignment, correct_parall
 from convseq_ros.core.geometry.displacement import found_in, PackedRegions
 from convseq_ros.core.geometry.lens import is_usable, rays
 from convseq_ros.core.geometry.structure import DEPTH, Sight, triangulate
-from convseq_ros.core.geometry.two_view import two_view
-from convseq_ros.core.geometry.uncertainty import base_pose, base_pose_of_two_views, ERROR
+from convseq_ros.core.geometry.uncertainty import base_pose, ERROR
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.image_pose import ImagePoses, LensView
 from convseq_ros.core.pose.map_motion import MapMotion
@@ -95,11 +94,7 @@ class RelativePoses:
         sight = reference.sight_from(query, np.eye(4), (-round(shift[0]), -round(shift[1])))
         aligned = self._aligned(index, reference, sight)
         if aligned is None:
-            both = two_view(reference.rays[:, :2], sight.observed, sight.scale)
-            if both is None:
-                return None
-            pose = base_pose_of_two_views(both, reference.base_lens, query.base_lens)
-            return replace(pose, explains=False) if self._neighbours(index, reference) else pose
+            return None
         pose = base_pose(aligned, reference.base_lens, query.base_lens)
         if (nearest := self.motion.nearest(index, pose)) != index:
             pose = self._measured_from(nearest, index, aligned, query) or pose
