@@ -83,14 +83,6 @@ class Pipeline:
             self.recognizer.mapping.freeze()
         self.autosave.save()
 
-    def outlive_file(self) -> None:
-        """Go on from memory if the map's file is cut short or overwritten from now on."""
-
-        def give_up(error: MapError) -> None:
-            self.autosave.give_up(self.path, str(error.__cause__ or error))
-
-        self.recognizer.reference_map.outlive_file(give_up)
-
     def warm_up(self) -> None:
         """Prepare the cameras, so that the first frame is as fast as the others."""
         self.cameras.warm_up()

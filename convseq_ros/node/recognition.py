@@ -12,7 +12,14 @@ from typing import Any
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
-from convseq_ros.errors import ConvseqError, ImageError, ModelError, one_line, with_traceback
+from convseq_ros.errors import (
+    ConvseqError,
+    ImageError,
+    MapError,
+    ModelError,
+    one_line,
+    with_traceback,
+)
 from convseq_ros.node.counters import Counters
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.map_linking import MapLinking
@@ -63,7 +70,6 @@ class Recognition:
     _linking: MapLinking | None = None
 
     def __post_init__(self) -> None:
-        self.pipeline.outlive_file()
         self._once = Once(self.logger)
 
     def handle(self, arrival: Arrival) -> None:
@@ -78,6 +84,8 @@ class Recognition:
             yield
         except Exception as error:
             # Publishing fails while a signal shuts ROS down; the result row is written before.
+            if isinstance(error, MapError):
+                self.pipeline.autosave.give_up(one_line(error))
             if isinstance(error, ConvseqError) or self.ros_is_up():
                 self.counters.failed += 1
                 self.logger.error(with_traceback(error), throttle_duration_sec=_LOG_PERIOD_S)
@@ -87,7 +95,6 @@ class Recognition:
         pipeline.cameras.configure(self.pipeline.cameras.config)
         self.close()
         self.pipeline, self.model_problem = pipeline, ''
-        pipeline.outlive_file()
         self.link()
 
     def take_back(self, open_pipeline: Callable[[Path | None], Pipeline]) -> int:
@@ -105,7 +112,6 @@ class Recognition:
             added = 0
         try:
             self.pipeline = open_pipeline(pipeline.path)
-            self.pipeline.outlive_file()
             self.pipeline.warm_up()
         except (ConvseqError, OSError) as error:
             pipeline.autosave.note_failure()

@@ -1,11 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The file of a map in use is cut short or overwritten in place: answers go on from memory."""
+"""The file of a map in use is cut short or overwritten in place: it is left alone, and named."""
 
 import os
 
 from convseq_ros.config import make_config
 from convseq_ros.core.map.online import RECENT
+from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Frame
@@ -27,23 +28,18 @@ SETTINGS = {
 @pytest.fixture
 def drive(tmp_path):
     """Return a pipeline whose map holds 41 places in its file, and what answers a place."""
-    made, images, frames = {}, walls(PLACES), [0]
-
-    def begin(mode):
-        made[mode] = Pipeline(tmp_path / 'map.db', make_config({**SETTINGS, 'mode': mode}))
-        made[mode].outlive_file()
-        return made[mode]
+    images, frames = walls(PLACES), [0]
+    growing = Pipeline(tmp_path / 'map.db', make_config({**SETTINGS, 'mode': 'online'}))
 
     def answer(pipeline, place):
         frames[0] += 1
         match = pipeline.cameras.process(Frame(frames[0] * SECOND, images[place]))
         return match.accepted and match.accepted.reference_index
 
-    growing = begin('online')
     for place in range(PLACES):
         answer(growing, place)
     growing.flush()
-    return growing, begin, answer
+    return growing, answer
 
 
 @pytest.mark.parametrize(
@@ -56,53 +52,33 @@ def drive(tmp_path):
     ],
     ids=['cut short', 'empty', 'overwritten', 'another map'],
 )
-def test_a_growing_map_answers_on_grows_no_more_and_leaves_the_file_alone(drive, tmp_path, harm):
-    growing, _, answer = drive
+def test_a_growing_map_grows_no_more_and_leaves_the_file_alone(drive, tmp_path, harm):
+    growing, answer = drive
+    whole = growing.recognizer.reference_map
     assert answer(growing, 0) == 0
     growing.flush()
     save_map(drawn(400), tmp_path / 'other.db')
     harmed = harm(growing.path.read_bytes(), (tmp_path / 'other.db').read_bytes())
+    cells = whole.packed(0)
     growing.path.write_bytes(harmed)
-    assert answer(growing, 1) == 1  # adds a place
+    whole.add(Place(10**6 * SECOND), cells)
     with pytest.raises(MapError, match='was cut short or overwritten') as told:
         growing.flush()
     assert '\n' not in str(told.value) and 'restore the file' in str(told.value)
     with pytest.raises(MapError):
         growing.save()
-    count = len(growing.recognizer.reference_map)
-    for place in range(2, PAST):
-        assert answer(growing, place) == place
-        growing.save()
-    assert len(growing.recognizer.reference_map) == count
+    growing.save()
+    count = len(whole)
+    with pytest.raises(MapError, match=r'map\.db: .*; '):  # what is read names file and remedy
+        whole.pictures(range(PLACES))
+    assert len(whole) == count
     with pytest.raises(MapError):
         growing.close()
     assert growing.path.read_bytes() == harmed
 
 
-def is_readable(pipeline, place):
-    try:
-        return bool(pipeline.recognizer.reference_map.pictures([place]))
-    except MapError:
-        return False
-
-
-def test_places_that_cannot_be_read_are_blank_and_the_others_are_found(drive):
-    growing, begin, answer = drive
-    growing.close()
-    loaded = begin('preloaded')
-    content = loaded.path.read_bytes()
-    loaded.path.write_bytes(content[: len(content) // 2].ljust(len(content), b'\0'))
-    readable = [place for place in range(PLACES) if is_readable(loaded, place)]
-    assert 0 < len(readable) < PLACES
-    for place in range(PLACES):
-        assert answer(loaded, place) == place or place not in readable
-    with pytest.raises(MapError, match='answers go on from memory'):
-        loaded.save()
-    loaded.save()
-
-
 def test_a_command_ends_at_a_map_that_is_cut_short(drive):
-    growing, _, answer = drive
+    growing, answer = drive
     growing.close()
     loaded = Pipeline(growing.path, make_config(SETTINGS))
     os.truncate(loaded.path, loaded.path.stat().st_size // 2)

@@ -29,7 +29,7 @@ class NoAutosave:
     committed_s: float | None = None  # monotonic time at which the file grew last
     is_failing = False  # whether the last write failed
     removed = 0  # number of places that were removed when the map was closed
-    lost = ''  # why the file is neither read nor written any more, with the remedy
+    lost = ''  # why the file is not written any more, with the remedy
     _error: MapError | None = None  # raised by the next `save`
 
     def __init__(self, reference_map: ReferenceMap) -> None:
@@ -52,14 +52,9 @@ class NoAutosave:
         """Note that the last write failed."""
         self.is_failing = True
 
-    def give_up(self, path: Path | None, why: str) -> None:
-        """Leave a file alone that was cut short or overwritten; `save` raises a MapError then."""
-        if not self.lost:
-            self.lost = (
-                f'{path}: was cut short or overwritten while it was in use ({why}); answers go '
-                'on from memory, and the map does not grow; restore the file and start again'
-            )
-            self._error = MapError(self.lost)
+    def give_up(self, why: str) -> None:
+        """Leave a file alone that cannot be read any more."""
+        self.lost = self.lost or why
 
 
 class Autosave(NoAutosave):
@@ -120,7 +115,7 @@ class Autosave(NoAutosave):
             except MapError as error:
                 self.is_failing = True
                 if is_damage(error):
-                    self.give_up(self._path, str(error.__cause__))
+                    self._error = self._overwritten(str(error.__cause__))
                 raise
             self.is_failing = False
 
@@ -210,8 +205,16 @@ class Autosave(NoAutosave):
         except MapError as error:
             why = str(error.__cause__ or 'it is no map')
         if why:
-            self.give_up(self._path, why)
-            raise MapError(self.lost)
+            self._error = self._overwritten(why)
+            raise self._error
+
+    def _overwritten(self, why: str) -> MapError:
+        """Leave a file alone that was cut short or overwritten; return what `save` raises once."""
+        self.give_up(
+            f'{self._path}: was cut short or overwritten while it was in use ({why}); the map '
+            'does not grow; restore the file and start again'
+        )
+        return MapError(self.lost)
 
 
 def _size_and_time(path: Path) -> tuple[int, int]:

@@ -69,7 +69,6 @@ class ReferenceMap:
         self.unreadable, self.unreadable_why = 0, ''
         # The newest image whose keypoints were detected, how many at most, and these.
         self._detected: tuple[Gray, int, StoredKeypoints] | None = None
-        self._on_loss: Callable[[MapError], None] | None = None
 
     def __len__(self) -> int:
         return len(self.places)
@@ -146,10 +145,6 @@ class ReferenceMap:
         """Set the mount of the camera in sessions that have none; by default the query's."""
         self._usual_mount = mount
 
-    def outlive_file(self, on_loss: Callable[[MapError], None]) -> None:
-        """Call `on_loss` with the error if stored cells cannot be read, which are blank then."""
-        self._on_loss = on_loss
-
     def take_links(self) -> Links:
         """Remove all links, and return them."""
         taken, self.links = self.links, Links(self.bounds.around)
@@ -171,11 +166,11 @@ class ReferenceMap:
 
     def packed_of(self, indices: Sequence[int]) -> list[Packed]:
         """Return the packed cells of several places, read together."""
-        return [picture.packed for picture in self._pictures_or_blank(indices)]
+        return [picture.packed for picture in self.pictures(indices)]
 
     def thumbnail(self, index: int) -> bytes:
         """Return the thumbnail of a place, a JPEG; empty if it has none."""
-        return self._pictures_or_blank([index])[0].thumbnail
+        return self.pictures([index])[0].thumbnail
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return the pictures of places; those in the file are read together."""
@@ -190,18 +185,6 @@ class ReferenceMap:
         if read and missing:
             pictures.update(zip(missing, read(missing, with_images), strict=True))
         return [pictures[index] for index in indices]
-
-    def _pictures_or_blank(self, indices: Sequence[int]) -> list[Picture]:
-        try:
-            return self.pictures(indices)
-        except MapError as error:
-            if self._on_loss is None:
-                raise
-            self._on_loss(error)
-        if len(indices) > 1:
-            return [self._pictures_or_blank([index])[0] for index in indices]
-        has_cells = self.encoding.keeps_cells
-        return [Picture(np.zeros(self.cell_shape, np.float16) if has_cells else NO_CELLS)]
 
     def image(self, index: int, max_mpx: float) -> Gray | None:
         """Return the image of a place; None if none was kept, or it cannot be decoded."""
