@@ -27,22 +27,27 @@ def test_flat_values_round_trip():
     assert flatten(with_values(Config(), values)) == values
 
 
-@pytest.mark.parametrize(
-    ('name', 'value', 'told'),
-    [
-        ('fixed_length', 101, r'fixed_length: 101 is outside 0 .. 100'),
-        ('min_margin', -0.1, r'min_margin: -0.1 is outside 0 .. 1'),
-        ('min_margin', float('nan'), 'not a finite number'),
-        ('min_margin', 10**400, 'min_margin: expected float'),
-        ('fixed_length', 2.5, 'expected int, got 2.5'),
-        ('fixed_length', True, 'expected int, got True'),
-        ('min_confidence', 'high', "expected float, got 'high'"),
-        ('image_size_px', 500, 'multiple of 16'),
-        ('acceptance_rule', 'sum', "'sum' is not one of auto, belief, margin, always"),
-        ('min_length', 30, 'min_length: 30 is above max_length, 25'),
-        ('sequence_regions', 'newest', 'newest needs matching: regional, not coherent'),
-    ],
-)
+REFUSED = [
+    ('fixed_length', 101, r'fixed_length: 101 is outside 0 .. 100'),
+    ('min_margin', -0.1, r'min_margin: -0.1 is outside 0 .. 1'),
+    ('min_margin', float('nan'), 'not a finite number'),
+    ('min_margin', 10**400, 'min_margin: expected float'),
+    ('fixed_length', 2.5, 'expected int, got 2.5'),
+    ('fixed_length', True, 'expected int, got True'),
+    ('min_confidence', 'high', "expected float, got 'high'"),
+    ('image_size_px', 500, 'multiple of 16'),
+    ('image_rotation_deg', 45, 'image_rotation_deg: 45 is not a multiple of 90'),
+    ('acceptance_rule', 'sum', "'sum' is not one of auto, belief, margin, always"),
+    ('min_length', 30, 'min_length: 30 is above max_length, 25'),
+    ('sequence_regions', 'newest', 'newest needs matching: regional, not coherent'),
+    *(
+        ('camera_to_base', said, r'camera_to_base: .*semicolon')
+        for said in ('1 2 3', '0 0 0 0 0 0;', '0 0 0 0 0 0; a b c d e f')
+    ),
+]
+
+
+@pytest.mark.parametrize(('name', 'value', 'told'), REFUSED)
 def test_a_value_that_is_not_allowed_is_refused(name, value, told):
     with pytest.raises(ConfigError, match=told):
         make_config({name: value})
