@@ -92,36 +92,6 @@ def test_impossible_links_are_left_out_and_reported_once(path, row, capsys):
     assert pipeline.ignored[:1] == [opened.problem]
 
 
-def test_a_million_links_of_missing_places_are_counted_in_one_line(path):
-    save_map(made(20, (12, 2)), path)
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute(
-            'WITH RECURSIVE c(x) AS (SELECT 20 UNION ALL SELECT x + 1 FROM c LIMIT 1000000) '
-            'INSERT INTO links SELECT x, x - 1, 0, NULL, NULL, NULL, 0 FROM c'
-        )
-    opened = open_map(path)
-    assert [*opened.links] == [(12, 2)]
-    assert opened.problem == f'{path}: 1000000 links are damaged and left out; all the rest works'
-
-
-def test_a_damaged_row_costs_one_link_and_a_damaged_page_costs_all(path):
-    save_map(made(20, (12, 2), (18, 3)), path)
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute('UPDATE links SET other = 1 WHERE place = 12')
-    assert [*open_map(path).links] == [(18, 3)]
-    content, page = bytearray(path.read_bytes()), page_of_links(path)
-    content[page : page + PAGE_BYTES] = bytes(PAGE_BYTES)
-    path.write_bytes(content)
-    opened = open_map(path)
-    assert not len(opened.links) and 'from 0 on are damaged' in opened.problem
-    autosave = own(path)
-    grow(autosave.reference_map, 3)
-    autosave.reference_map.links.add(21, 4)
-    autosave.close()
-    opened = open_map(path)
-    assert len(opened) == 23 and (opened.packed(22) == cells(22)).all()
-
-
 def page_of_links(path):
     """Return where the page of the links of a small map begins in its file."""
     with closing(sqlite3.connect(path)) as database:
@@ -129,25 +99,54 @@ def page_of_links(path):
     return (root - 1) * PAGE_BYTES
 
 
-def test_links_after_a_damaged_one_are_left_out_and_counted(path):
-    save_map(made(20, (12, 2), (14, 3), (18, 3)), path)
-    content, page = bytearray(path.read_bytes()), page_of_links(path)
+def zero(content, page):
+    content[page : page + PAGE_BYTES] = bytes(PAGE_BYTES)
+
+
+def circle(content, page):
+    content[page + 10 : page + 12] = content[page + 8 : page + 10]  # the second row is the first
+
+
+def reorder(content, page):
     row = page + int.from_bytes(content[page + 10 : page + 12], 'big')  # the second one
     assert content[row + 1] == 14
     content[row + 1] = 78
-    path.write_bytes(content)
-    opened = open_map(path)
-    assert [*opened.links] == [(12, 2)]
-    assert opened.problem == f'{path}: 2 links are damaged and left out; all the rest works'
 
 
-def test_a_page_whose_rows_are_in_a_circle_is_left_out_and_read_once(path):
-    save_map(made(20, (12, 2), (18, 3)), path)
-    content, page = bytearray(path.read_bytes()), page_of_links(path)
-    content[page + 10 : page + 12] = content[page + 8 : page + 10]  # the last row is the first
-    path.write_bytes(content)
+MILLION = (
+    'WITH RECURSIVE c(x) AS (SELECT 20 UNION ALL SELECT x + 1 FROM c LIMIT 1000000) '
+    'INSERT INTO links SELECT x, x - 1, 0, NULL, NULL, NULL, 0 FROM c'
+)
+
+
+@pytest.mark.parametrize(
+    ('damage', 'left', 'told'),
+    [
+        (MILLION, [(12, 2), (14, 3), (18, 3)], '1000000 links are damaged'),
+        ('UPDATE links SET other = 1 WHERE place = 12', [(14, 3), (18, 3)], '1 links are damaged'),
+        (reorder, [(12, 2)], '2 links are damaged'),
+        (circle, [], 'from 0 on are damaged'),
+        (zero, [], 'from 0 on are damaged'),
+    ],
+)
+def test_damage_costs_links_and_no_place_and_is_counted_in_one_line(path, damage, left, told):
+    save_map(made(20, (12, 2), (14, 3), (18, 3)), path)
+    if isinstance(damage, str):
+        with closing(sqlite3.connect(path)) as database, database:
+            database.execute(damage)
+    else:
+        content = bytearray(path.read_bytes())
+        damage(content, page_of_links(path))
+        path.write_bytes(content)
     opened = open_map(path)
-    assert not len(opened.links) and 'from 0 on are damaged' in opened.problem
+    assert [*opened.links] == left
+    assert told in opened.problem and opened.problem.endswith(' left out; all the rest works')
+    autosave = own(path)
+    grow(autosave.reference_map, 3)
+    autosave.reference_map.links.add(21, 4)
+    autosave.close()
+    opened = open_map(path)
+    assert len(opened) == 23 and (opened.packed(22) == cells(22)).all()
 
 
 def test_editing_keeps_links_among_the_places_that_stay(path, tmp_path):

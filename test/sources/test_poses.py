@@ -87,6 +87,8 @@ def test_a_kitti_rotation_keeps_its_axis_and_angle(tmp_path_factory, numbers):
     ('lines', 'said'),
     [
         ((), 'holds no pose'),
+        (None, 'no such file; give a text file with one pose'),
+        (b'\xff\xfe\x00', 'not a text file'),
         (('# nothing',), 'holds no pose'),
         (('1 2 3',), 'line 1: 3 numbers'),
         (('1,0,0,0,0,0,0,1',), 'line 1: 1 numbers; .* by spaces, not by commas'),
@@ -107,18 +109,12 @@ def test_a_kitti_rotation_keeps_its_axis_and_angle(tmp_path_factory, numbers):
         ((AHEAD, AHEAD.replace('2.5', '-3e8')), 'line 2: a position of -3e.08 m is beyond'),
     ],
 )
-def test_an_invalid_pose_is_named_with_its_line(file, lines, said):
+def test_an_invalid_pose_is_named_with_its_line(file, tmp_path, lines, said):
+    path = file(*lines) if isinstance(lines, tuple) else tmp_path / ('binary' if lines else '')
+    if isinstance(lines, bytes):
+        path.write_bytes(lines)
     with pytest.raises(SourceError, match=said):
-        read_pose_file(file(*lines), 2)
-
-
-def test_files_that_hold_no_text_are_refused(tmp_path):
-    with pytest.raises(SourceError, match='no such file; give a text file with one pose'):
-        read_pose_file(tmp_path, 1)
-    path = tmp_path / 'binary'
-    path.write_bytes(b'\xff\xfe\x00')
-    with pytest.raises(SourceError, match='not a text file'):
-        read_pose_file(path, 1)
+        read_pose_file(path, 2)
 
 
 CALIBRATION = """
