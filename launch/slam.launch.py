@@ -44,6 +44,7 @@ def _nodes(context: Any, vpr: dict[str, Any], known: list[str], names: list[str]
     def given(name: str) -> str:
         return str(LaunchConfiguration(name).perform(context))
 
+    odom = given('odom') or vpr['_camera'](given('camera')).get('odom', '')
     if given('publish_tf').lower() == 'true':
         raise ConfigError('publish_tf: pose_graph_node broadcasts map -> odom; leave it out')
     chosen = {name: given(name) for name in GRAPH if given(name)}
@@ -62,7 +63,7 @@ def _nodes(context: Any, vpr: dict[str, Any], known: list[str], names: list[str]
         name='pose_graph_node',
         namespace=given('namespace'),
         parameters=[*([str(file)] if has_section else []), values],
-        remappings=[('odom', given('odom'))] if given('odom') else [],
+        remappings=[('odom', odom)] if odom else [],
         **vpr['_running'](context),
     )
     return [*vpr['_nodes'](context, []), graph]

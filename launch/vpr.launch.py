@@ -21,9 +21,9 @@ from launch_ros.parameter_descriptions import ParameterValue
 import yaml
 
 TOPICS = {
-    'image': 'camera topic, raw or compressed; empty: the best one in the namespace',
-    'camera_info': 'its calibration; empty: beside the camera topic',
-    'odom': 'odometry topic; empty: the only one in the namespace',
+    'image': 'camera topic, raw or compressed; empty: image',
+    'camera_info': 'its calibration; empty: camera_info',
+    'odom': 'odometry topic; empty: odom',
 }
 OTHERS = {
     'camera': 'its driver, a name of config/cameras.yaml: topics as that has them',

@@ -77,7 +77,7 @@ def test_rviz_shows_the_corrected_path_in_the_namespace(vpr):
 
 def test_a_camera_sets_its_topics_and_other_arguments_override_them(launched, started):
     _, graph = launched(camera='zed')
-    assert graph['remappings'] == []  # it follows the odometry of vpr_node
+    assert graph['remappings'] == [('odom', 'zed/zed_node/odom')]
 
     def told(**given):
         node = started(**given)

@@ -26,8 +26,8 @@ Corrects odometry with the closures of vpr_node, and publishes map -> odom.
 
   pose_graph_node --ros-args -p graph_file:=home.db.graph -p tum_file:=path.txt
 
-Topics to remap: odom (default: the one that vpr_node takes), vpr_node/closure_odometry,
-vpr_node/loop_closure, vpr_node/pose, vpr_node/map_info. Parameters:
+Topics to remap: odom, vpr_node/closure_odometry, vpr_node/loop_closure, vpr_node/pose,
+vpr_node/map_info. Parameters:
 """
 
 

@@ -28,11 +28,6 @@ class CameraDescription:
             node, CameraInfo, topic, self._on_camera_info, _INFO_DEPTH, latched=True
         )
 
-    def follow(self, topic: str) -> None:
-        """Listen to another topic, and forget the camera so far."""
-        self._camera = None
-        self._subscription.move(topic)
-
     @property
     def is_calibrated(self) -> bool:
         return self._camera is not None

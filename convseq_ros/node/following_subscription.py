@@ -29,7 +29,7 @@ class FollowingSubscription:
     messages may wait. If `latched`, it also receives what publishers that keep their last messages
     sent before. `lost` counts lost messages since the first one: as the middleware reports them
     or, with a single publisher, by gaps in the sequence numbers. `heard` is whether one came since
-    the start, which is also when another topic is taken.
+    the start.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class FollowingSubscription:
         node.claim(self.topic, kind)
         self._on_message, self._depth, self._raw, self._latched = on_message, depth, raw, latched
         self._subscription: Any = None
-        self._changing = RLock()  # other threads call `move` while the listener handles events
+        self._changing = RLock()  # other threads stop it while the listener handles events
         if starts:
             self.start()
 
@@ -80,13 +80,6 @@ class FollowingSubscription:
     def lost(self) -> int:
         return max(self._reported, self._missing)
 
-    def move(self, topic: str) -> None:
-        """Subscribe to another topic instead; no message of the old one comes afterwards."""
-        with self._changing:
-            self.topic = self._node.resolve_topic_name(topic)
-            if self._subscription:
-                self.start()
-
     def hold_at_most(self, depth: int) -> None:
         """Let fewer messages wait for the listener from now on."""
         if depth < self._depth and self._subscription:
@@ -102,7 +95,7 @@ class FollowingSubscription:
             self.stop()
             self._reliability, self._durability = reliability, durability
             # rclpy's types have no second argument.
-            on_message: Any = partial(self._on_numbered, (self.topic, self.kind))
+            on_message: Any = partial(self._on_numbered, self.kind)
             self._subscription = self._node.create_subscription(
                 self.kind,
                 self.topic,
@@ -148,10 +141,10 @@ class FollowingSubscription:
     def _on_lost(self, info: QoSMessageLostInfo) -> None:
         self._reported += info.total_count_change
 
-    def _on_numbered(self, source: tuple[str, type], message: Any, info: dict[str, Any]) -> None:
+    def _on_numbered(self, kind: type, message: Any, info: dict[str, Any]) -> None:
         with self._changing:
-            if source != (self.topic, self.kind):
-                return  # it was taken just before `move`
+            if kind is not self.kind:
+                return  # it was taken just before the type changed
             number, before = info.get('publication_sequence_number') or 0, self._last
             self._last = number
             if 0 < before < number - 1 and self._node.count_publishers(self.topic) == 1:

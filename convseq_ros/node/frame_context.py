@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Data from other topics for an image: its pose and its camera."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.types import Camera
@@ -26,13 +26,6 @@ class FrameContext:
             topic: CameraDescription(node, mount, info) for topic, info in infos.items()
         }
         self.camera = next(iter(self._cameras.values()))
-
-    def follow(self, topics: Mapping[str, str]) -> None:
-        """Listen to other topics instead, if 'odom' or 'camera_info' are given."""
-        if 'odom' in topics:
-            self.odometry.follow(topics['odom'])
-        if 'camera_info' in topics:
-            self.camera.follow(topics['camera_info'])
 
     def camera_for(self, topic: str, height: int, width: int) -> Camera | None:
         """Return the camera that takes the images of a topic, of a size in pixels."""

@@ -3,7 +3,7 @@
 """The image topics of all cameras, raw or compressed."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.errors import ConfigError
@@ -12,13 +12,15 @@ from convseq_ros.node.following_subscription import FollowingSubscription
 from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.qos import steady_timer
 from convseq_ros.sources.raw_message import RawMessage
-from convseq_ros.sources.topic_rank import COMPRESSED
+from convseq_ros.sources.topic_rank import camera_info_beside, COMPRESSED, image_rank
+from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 
 QUEUE_BYTES = 256_000_000  # of waiting images; the middleware may hold as much again
 _FEWEST = 2  # images that the middleware may always hold: the next one arrives while one is taken
 _PERIOD_S = 1.0
 _REMAPPED = 'image'  # topic of a single camera
+_DRAWN = '/debug_image'  # ends the topic of pictures that this package's nodes draw
 
 
 class ImageSubscription(FollowingSubscription):
@@ -72,17 +74,18 @@ class ImageSubscription(FollowingSubscription):
         self.hold_at_most(max(_FEWEST, QUEUE_BYTES // max(1, len(cdr))))
         self._on_image(RawMessage(0, type_name(self.kind), cdr), self.topic)
 
-    def silence(self, cameras: Callable[[], Sequence[str]]) -> str:
-        """Return why no images come; empty if they do."""
+    @property
+    def silence(self) -> str:
+        """Why no images come; empty if they do."""
         if not (silent_s := self.silent_s):
             return ''
         if self.heard:
             stopped = f'the camera stopped: no images on {self.topic} for {silent_s:.0f} s'
             return f'{stopped}; look at its driver'
-        return f'no images for {silent_s:.0f} s: {self.advice(cameras())}'
+        return f'no images for {silent_s:.0f} s: {self.advice()}'
 
-    def advice(self, cameras: Sequence[str] = ()) -> str:
-        """Return in one line why no images may arrive, and what to do; cameras' topics help."""
+    def advice(self) -> str:
+        """Return in one line why no images may arrive, and what to do."""
         publishers = self._node.get_publishers_info_by_topic(self.topic)
         types = [publisher.topic_type for publisher in publishers]
         if type_name(self.kind) in types:
@@ -95,8 +98,25 @@ class ImageSubscription(FollowingSubscription):
             )
         if self._is_named:
             return f'{self.topic} has no publisher; look at its driver, or at image_topics'
-        names = ' or '.join(f'-r image:={topic}' for topic in cameras) or '-r image:=TOPIC'
-        return f'{self.topic} has no publisher; remap it to the topic of the camera: {names}'
+        if not (others := topics_with_images(self._node)):
+            return f'{self.topic} has no publisher, nor has any other topic of images; start one'
+        best, infos = others[0], camera_info_beside(others[0])
+        also = f' -r camera_info:={infos}' if self._node.count_publishers(infos) else ''
+        return (
+            f'{self.topic} has no publisher; images are on {", ".join(others)}; to take the '
+            f'first: -r image:={best}{also}'
+        )
+
+
+def topics_with_images(node: Node) -> list[str]:
+    """Return the topics that carry images: those of the namespace first, then by their rank."""
+    namespace, kinds = node.get_namespace(), {type_name(Image), type_name(CompressedImage)}
+    topics = [
+        topic
+        for topic, types in node.get_topic_names_and_types()
+        if kinds.intersection(types) and node.count_publishers(topic) and _DRAWN not in topic
+    ]
+    return sorted(topics, key=lambda it: (not it.startswith(namespace), image_rank(it), it))
 
 
 def image_subscriptions(

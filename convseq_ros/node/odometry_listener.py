@@ -41,12 +41,6 @@ class OdometryListener:
         """Call `on_pose` with the stamp and the frame of each pose from now on."""
         self._on_pose = on_pose
 
-    def follow(self, topic: str) -> None:
-        """Listen to another topic, and forget the poses so far."""
-        self._subscription.move(topic)
-        with self.waiting.changed:
-            self._track, self.frame_id = PoseTrack(kept=_KEPT), ''
-
     def pose_at(self, stamp_ns: int) -> Pose | None:
         """Return the pose at a time, for which this may wait; None if there is none."""
         with self.waiting.changed:

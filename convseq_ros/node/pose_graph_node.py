@@ -20,7 +20,7 @@ from convseq_ros.errors import ConvseqError, with_traceback
 from convseq_ros.io.output_file import ANY, OutputFile, refuse_outputs, TEXT
 from convseq_ros.io.regular_file import write_lines
 from convseq_ros.node.closures_heard import closure_of, closure_of_pair, uncertain_pose
-from convseq_ros.node.conversions import path_message, stamp_to_ns, status_message, type_name
+from convseq_ros.node.conversions import path_message, stamp_to_ns, status_message
 from convseq_ros.node.following_subscription import FollowingSubscription
 from convseq_ros.node.listener import ListeningNode
 from convseq_ros.node.map_to_odom import MapToOdom
@@ -88,7 +88,6 @@ class PoseGraphNode(ListeningNode):
         self._diagnostics = advertise(self, DiagnosticArray, '/diagnostics')
         self._odometry = FollowingSubscription(self, Odometry, 'odom', self._on_odometry, _DEPTH)
         closures = FollowingSubscription(self, Odometry, _CLOSURES, self._on_closure, _DEPTH)
-        self._recogniser = closures.topic.rpartition('/')[0]  # full name of its node
         for kind, topic, call in (
             (Float64MultiArray, 'vpr_node/loop_closure', self._on_pair),
             (PoseWithCovarianceStamped, 'vpr_node/pose', self._on_pose),
@@ -184,27 +183,13 @@ class PoseGraphNode(ListeningNode):
         self.get_logger().warning(f'{what}; it is left out', once=True)
 
     def _work(self) -> None:
-        """Follow the recogniser's odometry, and solve what is new in another thread."""
-        self._follow()
+        """Solve what is new in another thread."""
         if not self._solving.acquire(blocking=False):
             return
         with self._lock:
             problem = self._graph.problem()
         self._thread = Thread(target=self._solve, args=(problem,), name='service', daemon=True)
         self._thread.start()
-
-    def _follow(self) -> None:
-        """Take the odometry that the recogniser takes, unless `odom` is remapped."""
-        default = f'{self.get_namespace().rstrip("/")}/odom'
-        if self.resolve_topic_name('odom') != default:
-            return
-        namespace, _, name = self._recogniser.rpartition('/')
-        with suppress(Exception):  # it is not there yet
-            found = self.get_subscriber_names_and_types_by_node(name, namespace or '/')
-            topics = [topic for topic, kinds in found if type_name(Odometry) in kinds]
-            if len(topics) == 1 and topics[0] != self._odometry.topic:
-                self.get_logger().info(f'odometry is {topics[0]}, as of {self._recogniser}')
-                self._odometry.move(topics[0])
 
     def _solve(self, problem: Problem | None) -> None:
         """Solve and adopt; `_solving` is held, and released."""

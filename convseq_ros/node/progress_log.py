@@ -16,7 +16,6 @@ _REMEDIES = {
     'queue_size': 'found the queue full (queue_size)',
     'memory': 'found no memory left for the queue (256 MB)',
     'max_wait_s': 'had waited longer than max_wait_s',
-    'given_up': 'were of a camera that was given up',
     'middleware': 'were lost by the middleware (config/fastdds_large_images.xml)',
 }
 

@@ -5,7 +5,6 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 import time
 from typing import Any
 
@@ -97,28 +96,6 @@ class Recognition:
         self.pipeline, self.model_problem = pipeline, ''
         self.link()
 
-    def take_back(self, open_pipeline: Callable[[Path | None], Pipeline]) -> int:
-        """Start anew without the places added to the map since it was opened; return how many."""
-        pipeline = self.pipeline
-        if not (added := pipeline.added):
-            pipeline.cameras.reset()
-            return 0
-        if self._linking:
-            self._linking.stop()
-        try:
-            pipeline.autosave.take_back()
-        except (ConvseqError, OSError) as error:
-            self._failed_to_write(error, f'; the map keeps {added} places of other topics')
-            added = 0
-        try:
-            self.pipeline = open_pipeline(pipeline.path)
-            self.pipeline.warm_up()
-        except (ConvseqError, OSError) as error:
-            pipeline.autosave.note_failure()
-            self._failed_to_write(error, '; no new places are kept')
-        self.link()
-        return added
-
     def link(self) -> None:
         """Link the map, if links are missing, while frames are answered."""
         self._linking = MapLinking(self.pipeline, self.logger)
@@ -129,11 +106,8 @@ class Recognition:
         try:
             self.pipeline.close()
         except (ConvseqError, OSError) as error:
-            self._failed_to_write(error)
-
-    def _failed_to_write(self, error: Exception, also: str = '') -> None:
-        self.counters.write_failures += 1
-        self.logger.error(f'{one_line(error)}{also}')
+            self.counters.write_failures += 1
+            self.logger.error(one_line(error))
 
     def _read(self, arrival: Arrival) -> tuple[Frame, float]:
         """Return a frame with its pose, and the milliseconds that decoding took."""

@@ -3,7 +3,6 @@
 """The ROS node: images in, recognised places out."""
 
 from contextlib import ExitStack
-from functools import partial
 import gc
 from pathlib import Path
 import time
@@ -40,7 +39,6 @@ from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.running import run_until_signal
 from convseq_ros.node.situation import Situation
 from convseq_ros.node.stamps import Stamps
-from convseq_ros.node.topic_finder import Change, TopicFinder
 from convseq_ros.node.worker import Worker
 from convseq_ros.sources.raw_message import RawMessage
 from std_srvs.srv import SetBool, Trigger
@@ -145,7 +143,6 @@ class VprNode(ManagedNode):
         self._progress = ProgressLog(
             self, self._counters, lambda: {**self._worker.drops, 'middleware': self._lost()}
         )
-        self._finder = TopicFinder(self, self._on_found, self._chosen)
         self._warm = self.create_guard_condition(self._on_warm)
 
     def listen(self) -> None:
@@ -208,23 +205,6 @@ class VprNode(ManagedNode):
         config = masked(self._config, read_mask(self._config))
         return Pipeline(path, config, make, self._chosen, open_model(config))
 
-    def _on_found(self, change: Change) -> None:
-        self._worker.between_items(partial(self._follow, change))
-
-    def _follow(self, change: Change) -> None:
-        """Listen to other topics, in the worker's thread; nothing wrong stays in a growing map."""
-        if self._finder.is_settled:
-            return
-        if 'image' in change.topics:
-            self._images[0].move(change.topics['image'])
-        self._frame_context.follow(change.topics)
-        added = 0
-        if change.gives_up:
-            self._worker.drop_all('given_up')
-            added = self._recognition.take_back(self._open_pipeline)
-        also = f'; {added} places are taken out of the map again' if added else ''
-        self.get_logger().info(f'{change.text}{also}')
-
     def _on_warm(self) -> None:
         self._ready = self._is_open
         if self._is_open and not (self._listening or self._is_managed):
@@ -232,8 +212,6 @@ class VprNode(ManagedNode):
 
     def _publish(self, answered: Answered) -> None:
         match = answered.match
-        if match.accepted:
-            self._finder.settle()
         estimate = self._answers.publish(answered)
         self._localization.update(match, estimate)
         if self._transform:
@@ -292,12 +270,11 @@ class VprNode(ManagedNode):
         return sum(images.lost for images in self._images)
 
     def _advice(self) -> str:
-        cameras = self._finder.cameras()
-        return '; '.join(images.advice(cameras) for images in self._images)
+        return '; '.join(images.advice() for images in self._images)
 
     def _silences(self) -> dict[str, str]:
         odometry = self._frame_context.odometry
-        of_images = {it.topic: it.silence(self._finder.cameras) for it in self._images}
+        of_images = {images.topic: images.silence for images in self._images}
         return of_images | {odometry.topic: odometry.silence}
 
     def _situation(self) -> Situation:

@@ -22,8 +22,8 @@ class Worker(Generic[Item]):
     The thread calls `handle` with each item; it must not raise. At most `queue_size` items wait,
     with `queue_bytes` in total (a single item may be larger). An item is dropped once it has
     waited for `max_wait_s` seconds and another waits behind it; 0: never. `drops` counts dropped
-    items by cause: queue_size, memory, max_wait_s, or that of `drop_all`. The thread calls
-    `at_end` last, after the item at hand, however long that takes.
+    items by cause: queue_size, memory or max_wait_s. The thread calls `at_end` last, after the
+    item at hand, however long that takes.
     """
 
     def __init__(
@@ -69,13 +69,6 @@ class Worker(Generic[Item]):
         with self._changed:
             self._actions.append(action)
             self._changed.notify()
-
-    def drop_all(self, cause: str) -> None:
-        """Drop the items that wait."""
-        with self._changed:
-            while self._items:
-                self._take()
-                self.drops[cause] += 1
 
     @property
     def dropped(self) -> int:

@@ -308,35 +308,3 @@ def test_a_pipe_with_the_name_of_a_journal_is_refused_at_once(path, end):
     for use in (open_map, grown):
         with pytest.raises(MapError, match=f'{end}: is not a file'):
             use(path)
-
-
-@pytest.mark.parametrize('count', [0, 3])
-def test_added_places_and_sessions_are_removed_again(path, count):
-    autosave = grown(path, count)
-    autosave.close()
-    before = autosave.reference_map.sessions
-    autosave = own(path)
-    autosave.reference_map.begin_session(10**12)
-    grow(autosave.reference_map, 4)
-    autosave.flush()
-    autosave.take_back()
-    left = open_map(path)
-    assert is_right(left, count) and left.sessions == before
-    own(path).close()
-
-
-@pytest.mark.parametrize(
-    ('put', 'said'),
-    [
-        (lambda path, other: other.replace(path), 'was moved or replaced'),
-        (lambda path, other: path.write_bytes(other.read_bytes()), 'it is another map'),
-    ],
-)
-def test_nothing_is_removed_from_a_map_that_was_replaced(path, put, said):
-    autosave = grown(path, 2)
-    another = path.with_name('another.db')
-    save_map(drawn(5), another)
-    put(path, another)
-    with pytest.raises(MapError, match=said):
-        autosave.take_back()
-    assert holds(path) == 5

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 import pytest
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import SetBool
 
 SECOND = 1_000_000_000
@@ -114,7 +114,7 @@ def test_a_disabled_node_does_not_warn_of_missing_images(client, vpr, map_path, 
 @pytest.mark.parametrize(
     ('topic', 'told'),
     [
-        ('/front/image', '/front/image has no publisher; remap it'),
+        ('/front/image', '/front/image has no publisher; images are on /image; to take the first'),
         ('/image', '/image has 1 publisher(s), but none sends'),
     ],
 )
@@ -129,6 +129,35 @@ def test_missing_images_are_a_warning_that_is_logged_once(
     heard = client.listen(DiagnosticArray, '/diagnostics')
     client.wait_for(lambda: len(heard) >= 5 and 'no images for' in heard[-1].status[0].message)
     assert capfd.readouterr().err.count('no images for') == 1
+
+
+def test_without_a_camera_the_topics_with_images_are_named_ready_to_paste(
+    client, vpr, map_path, impatient, capfd
+):
+    for kind, topic in (
+        (Image, '/camera/depth/image_rect_raw'),
+        (Image, '/camera/color/image_raw'),
+        (CompressedImage, '/camera/color/image_raw/compressed'),
+        (CameraInfo, '/camera/color/camera_info'),
+        (Image, '/robot1/lidar/nearir_image'),
+        (Image, '/robot1/vpr_node2/debug_image'),
+    ):
+        client.node.create_publisher(kind, topic, 1)
+    client.node.create_subscription(Image, '/nobody/sends', print, 1)
+    told = {
+        '/': '/camera/color/image_raw, /camera/color/image_raw/compressed, '
+        '/robot1/lidar/nearir_image, /camera/depth/image_rect_raw; to take the first: '
+        '-r image:=/camera/color/image_raw -r camera_info:=/camera/color/camera_info',
+        '/robot1': '/robot1/lidar/nearir_image, /camera/color/image_raw, '
+        '/camera/color/image_raw/compressed, /camera/depth/image_rect_raw; to take the first: '
+        '-r image:=/robot1/lidar/nearir_image',
+    }
+    nodes = [vpr('-r', f'__ns:={name}', map_path=map_path, **PERIOD) for name in told]
+    for node, line in zip(nodes, told.values(), strict=True):
+        status = status_with(client, f'{node._topic} has no publisher; images are on {line}')
+        assert status.level == DiagnosticStatus.WARN
+        assert node._advice().endswith(line)
+    assert capfd.readouterr().err.count('images are on') == 2
 
 
 def test_a_camera_that_never_comes_is_a_warning_beside_one_that_does(
@@ -170,7 +199,7 @@ def test_a_camera_is_reported_once_each_time_that_it_stops(
     ('named', 'kind', 'topic', 'remedy'),
     [
         ('/cam', CompressedImage, '/cam/compressed', '-r image:=/cam/compressed'),
-        ('/cam/compressed', Image, '/cam', 'of the camera: -r image:=/cam'),
+        ('/cam/compressed', Image, '/cam', 'to take the first: -r image:=/cam'),
         ('/cam', DiagnosticArray, '/cam', 'remap `image` to a topic of sensor_msgs/msg/Image'),
     ],
 )

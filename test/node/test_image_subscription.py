@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The camera topic is found, or named, and its reliability follows the camera."""
+"""The type of images is that which is published, and reliability follows the camera."""
 
 from contextlib import contextmanager
 import threading
@@ -11,11 +11,12 @@ from convseq_ros.errors import ConfigError
 from convseq_ros.node import image_subscription
 from convseq_ros.node.following_subscription import FollowingSubscription
 from convseq_ros.node.image_subscription import image_subscriptions
+import cv2
 import numpy as np
 import pytest
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Empty
 
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -66,6 +67,19 @@ def test_a_camera_that_returns_with_reliable_qos_gets_a_reliable_subscription(
     client.camera(Image).publish(image(street[0], 1))
     client.wait_for(lambda: node._counters.received == 1)
     wait_for_reliability(client, ReliabilityPolicy.RELIABLE)  # and it stays so
+
+
+def test_compressed_images_are_known_by_the_type_that_is_published(client, vpr, street, image):
+    node = vpr('-r', 'image:=/phone/jpeg')
+    client.wait_for(lambda: node._listening)
+    assert node._images[0].kind is Image
+    camera = client.node.create_publisher(CompressedImage, '/phone/jpeg', 10)
+    client.wait_for(camera.get_subscription_count)
+    client.wait_until_known_to('/vpr_node')
+    jpeg = cv2.imencode('.jpg', street[0])[1].tobytes()
+    camera.publish(CompressedImage(header=image(street[0], 1).header, format='jpeg', data=jpeg))
+    client.wait_for(lambda: node._counters.processed == 1)
+    assert not node._counters.unreadable
 
 
 @contextmanager

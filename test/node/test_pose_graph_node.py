@@ -162,16 +162,6 @@ def test_over_topics_a_drive_is_corrected_and_a_false_closure_is_refused_and_rep
     assert off_m < 0.3 * np.linalg.norm(DRIFTED[NUM][:3, 3] - TRUE[NUM][:3, 3])
 
 
-def test_the_node_takes_the_odometry_that_the_recogniser_takes(client, graph_node, vpr):
-    recogniser = vpr('-r', 'odom:=/wheels')
-    node = graph_node()
-    client.wait_for(lambda: node._odometry.topic == '/wheels')
-    remapped = graph_node('-r', 'odom:=/visual', '-r', '__node:=other')
-    remapped._follow()
-    assert remapped._odometry.topic == '/visual'
-    assert recogniser.get_name() == 'vpr_node'
-
-
 def test_files_are_written_by_the_service_and_at_the_end_and_read_again(
     client, graph_node, tmp_path
 ):

@@ -9,7 +9,7 @@ import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.database import is_damage
-from convseq_ros.core.map.edit import keep_first, prune_looks
+from convseq_ros.core.map.edit import prune_looks
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.pruning import Pruning
 from convseq_ros.core.map.reader import MapReader
@@ -44,13 +44,6 @@ class NoAutosave:
     def flush(self) -> None: ...
 
     def close(self) -> None: ...
-
-    def take_back(self) -> None:
-        """Close the file, and remove all places from it that were added; MapError if it fails."""
-
-    def note_failure(self) -> None:
-        """Note that the last write failed."""
-        self.is_failing = True
 
     def give_up(self, why: str) -> None:
         """Leave a file alone that cannot be read any more."""
@@ -121,7 +114,9 @@ class Autosave(NoAutosave):
 
     def close(self) -> None:
         """Write all added places, and close the file; MapError if it fails."""
-        self._end_thread()
+        self._end.end()
+        self._news.end()
+        self._thread.join()
         with self._opened:
             self.flush()
             if self._is_in_place():
@@ -132,18 +127,6 @@ class Autosave(NoAutosave):
         if self.has_surplus:
             self.removed = prune_looks(self._path, self._max_looks)
             self.committed -= self.removed
-
-    def take_back(self) -> None:
-        self._end_thread()
-        with self._opened:
-            self._refuse_replaced()
-            self._refuse_overwritten()
-        keep_first(self._path, self.found)
-
-    def _end_thread(self) -> None:
-        self._end.end()
-        self._news.end()
-        self._thread.join()
 
     @property
     def has_surplus(self) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from convseq_ros.core.map.crash_recovery import open_to_write
 from convseq_ros.core.map.database import as_map_error, Database
-from convseq_ros.core.map.format import row_crc, TABLES
+from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.pruning import Pruning
 from convseq_ros.core.map.reader import open_map
@@ -73,17 +73,6 @@ def prune_looks(path: Path, max_looks: int, progress: Progress = iter) -> int:
 
     rewrite(path, change, progress)
     return lost
-
-
-def keep_first(path: Path, count: int) -> None:
-    """Remove all but the first places of a map file; MapError if another program adds to it."""
-    with _changed(path) as database:
-        for table, columns in TABLES.items():
-            if 'reference_index' in columns:
-                database.rows(f'DELETE FROM {table} WHERE reference_index >= ?', (count,))
-        database.rows('DELETE FROM links WHERE place >= ?', (count,))
-        last = 'SELECT coalesce(max(session), -1) FROM places'
-        database.rows(f'DELETE FROM sessions WHERE session > ({last})')
 
 
 def rename_session(named: SessionSlice) -> None:
