@@ -3,11 +3,13 @@
 """
 Draw two drives of 30 frames, or print the answers: what must not depend on the processor.
 
-Usage: thirty_frames.py draw FOLDER, then thirty_frames.py answer FOLDER on each machine.
+Usage: thirty_frames.py draw FOLDER, then thirty_frames.py answer FOLDER on each machine; or send
+FOLDER, which publishes the second drive to a live node.
 """
 
 from pathlib import Path
 import sys
+import time
 
 from convseq_ros.config import Config, with_values
 from convseq_ros.core.map_builder import build_map
@@ -49,5 +51,25 @@ def answer(folder: Path) -> None:
         print(match.query_index, match.reason, match.sequence_length, best)
 
 
+def send(folder: Path) -> None:
+    """Publish the second drive on /image, five images a second, once a node listens."""
+    from convseq_ros.node.conversions import image_message, stamp_from_ns
+    import rclpy
+    from rclpy.duration import Duration
+    from sensor_msgs.msg import Image
+    from std_msgs.msg import Header
+
+    rclpy.init()
+    publisher = rclpy.create_node('camera').create_publisher(Image, '/image', 2 * COUNT)
+    while not publisher.get_subscription_count():
+        time.sleep(0.1)
+    for frame in open_source(folder / 'second'):
+        header = Header(stamp=stamp_from_ns(frame.stamp_ns), frame_id='camera')
+        publisher.publish(image_message(frame.gray, header))
+        time.sleep(0.2)
+    assert publisher.wait_for_all_acked(Duration(seconds=10))
+    rclpy.shutdown()
+
+
 if __name__ == '__main__':
-    {'draw': draw, 'answer': answer}[sys.argv[1]](Path(sys.argv[2]))
+    {'draw': draw, 'answer': answer, 'send': send}[sys.argv[1]](Path(sys.argv[2]))

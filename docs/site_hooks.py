@@ -11,7 +11,7 @@ from pathlib import Path
 import re
 from typing import Any
 
-from convseq_ros.cli import COMMANDS, main, NODES
+from convseq_ros.cli import COMMANDS, main
 
 _REPOSITORY = Path(__file__).resolve().parents[1]
 _LINK = re.compile(r'(?<!!)\[([^\]]+)\]\(([^)#:\s]+)(#[^)\s]*)?\)')
@@ -43,8 +43,6 @@ def commands() -> str:
     parts = []
     for name, text in COMMANDS.items():
         parts.append(_section(name, text))
-        if name in NODES:
-            continue
         command = import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
         command.describe(parser := argparse.ArgumentParser(allow_abbrev=False))
         for verbs in (one for one in parser._actions if one.nargs == argparse.PARSER):
@@ -57,11 +55,7 @@ def commands() -> str:
 def _section(name: str, text: str) -> str:
     told = io.StringIO()
     with redirect_stdout(told), suppress(SystemExit):
-        if name in NODES:
-            # A process of its own, which needs ROS.
-            print(f'convseq {name} --help says more, where ROS is installed.')
-        else:
-            main([*name.split(), '--help'])
+        main([*name.split(), '--help'])
     return (
         f'## convseq {name}\n\n{text.capitalize().rstrip(".")}.\n\n```text\n{told.getvalue()}```\n'
     )

@@ -6,6 +6,7 @@ Run every command of the documentation in a fresh clone: `make docs-test`.
 Each ```bash block of a page runs in the clone's folder, in order, and must succeed. A comment on
 the line before says otherwise: <!-- terminal --> starts it in a terminal of its own, and
 <!-- Ctrl-C --> ends those; <!-- not run here: why --> is only checked by `bash -n`.
+`ros2 bag play`, which PyPI has not, is what plays the demo.
 """
 
 from collections.abc import Callable, Iterator
@@ -26,6 +27,11 @@ PAGES = REPOSITORY / 'docs'
 BLOCK = re.compile(r'(?:<!-- ([^\n]*?) -->\n)?```bash\n(.*?)```|<!-- (Ctrl-C) -->', re.DOTALL)
 NOT_RUN = 'not run here: '
 LISTENS_S, ENDS_S = 60, 20
+PLAY = """#!/bin/sh
+# ros2 bag play FOLDER --rate RATE
+names='/odom:=/odom /camera/camera_info:=/camera/camera_info /camera/image_raw:=/camera/image_raw'
+exec python -m convseq_ros.node.drive_sender "$3" "$5" $names
+"""
 FIRST = 'tutorials/first_map.md'  # makes what the other pages use
 
 
@@ -101,6 +107,10 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a clone of what is committed, as a stranger has it."""
     path = tmp_path_factory.mktemp('stranger') / 'convseq_ros'
     subprocess.run(['git', 'clone', '-q', REPOSITORY, path], check=True)
+    player = path.parent / 'bin' / 'ros2'
+    player.parent.mkdir()
+    player.write_text(PLAY)
+    player.chmod(0o755)
     return path
 
 
@@ -111,7 +121,7 @@ def environment(clone: Path) -> dict[str, str]:
         'ROS_DOMAIN_ID': '97',
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'ROS_LOG_DIR': str(clone.parent / 'log'),
-        'PATH': os.environ['PATH'],
+        'PATH': f'{clone.parent}/bin:{os.environ["PATH"]}',
     }
     return own | {name: value for name, value in os.environ.items() if name.startswith('PIP_')}
 

@@ -138,10 +138,9 @@ def answers_of_the_node(recording, map_path, encoding, path, topics):
     part = path.with_name(path.name + '.part')
     try:
         for topic in topics or ['/image']:
-            options = '--rate', '6', '--remap', f'/camera:={topic}'
-            player = 'convseq_ros.node.player', recording, *options
+            sender = 'convseq_ros.node.drive_sender', recording, '6', f'/camera:={topic}'
             subprocess.run(
-                [*python, *player], cwd=path.parent, env=environment, check=True, timeout=180
+                [*python, *sender], cwd=path.parent, env=environment, check=True, timeout=180
             )
         deadline = 600
         expected = NUM_FRAMES * max(1, len(topics))

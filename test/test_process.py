@@ -32,7 +32,7 @@ sys.argv[1:] = arguments
 runpy.run_module(module, run_name='__main__', alter_sys=True)
 """
 
-NODES = ['convseq_ros.node', 'convseq_ros.node.vpr_node', 'convseq_ros.node.player']
+NODES = ['convseq_ros.node', 'convseq_ros.node.vpr_node']
 
 
 def interrupted(number, when, module, *arguments):

@@ -22,7 +22,6 @@ COMMANDS = {
     'build-map': 'build a reference map from a recording or a folder of images',
     'replay': 'recognise the frames of a recording in a map, without ROS',
     'locate': 'print where in a map images were taken',
-    'play': 'publish a recording to live topics, with /clock',
     'info': 'print what a map or a recording holds, or what is installed',
     'map': 'link, merge or split maps; remove or rename their sessions',
     'fleet': 'build many maps in parallel, and recognise in all of them',
@@ -31,9 +30,6 @@ COMMANDS = {
     'report': 'turn results into one page: tables, charts, pairs of images',
     'config': 'print every parameter with its default, ready to edit',
 }
-
-# Commands that are ROS nodes, and parse their arguments themselves.
-NODES = {'play': 'convseq_ros.node.player'}
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -51,8 +47,7 @@ def main(args: Sequence[str] | None = None) -> int:
         parser.print_help(sys.stderr)
         return 2
     chosen = parser.parse_args(args)
-    name = 'processes' if chosen.command in NODES else chosen.command.replace('-', '_')
-    command = importlib.import_module(f'convseq_ros.cli.{name}')
+    command = importlib.import_module(f'convseq_ros.cli.{chosen.command.replace("-", "_")}')
     hand_over(interrupt)
     try:
         return _run(command, chosen.command, chosen.arguments)
@@ -80,8 +75,6 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _run(command: Any, name: str, arguments: list[str]) -> int:
     """Run the module of a sub-command with its arguments; return its exit code."""
-    if name in NODES:
-        command.become_node(NODES[name], arguments)
     parser = Parser(prog=f'convseq {name}', description=sentence(COMMANDS[name]))
     command.describe(parser)
     options = parser.parse_args(arguments)

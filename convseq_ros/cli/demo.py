@@ -68,7 +68,7 @@ def run(chosen: argparse.Namespace) -> int:
 
     median_ms = statistics.median(float(row['duration_ms']) for row in offline)
     rate = min(4.0, 60.0 / median_ms)
-    _say(f'playing it to the live node, at {rate:.2g} times its speed')
+    _say(f'sending it to the live node, at {rate:.2g} times its speed')
     position = {row['query_stamp_ns']: row['query_index'] for row in offline}
     live = [
         row | {'query_index': position[row['query_stamp_ns']]}

@@ -8,7 +8,7 @@ from pathlib import Path
 import sys
 import time
 
-from convseq_ros.cli.processes import need_ros, player_arguments, running, wait_for_rows
+from convseq_ros.cli.processes import need_ros, running, sender_arguments, wait_for_rows
 from convseq_ros.core.types import Doubles, Vector
 from convseq_ros.errors import ConvseqError
 from convseq_ros.pose_graph.optimisation import need_gtsam
@@ -40,7 +40,7 @@ def run_slam(folder: Path) -> None:
     truth = {at: pose.position for at, pose in read_poses(recording, '/ground_truth')}
     odometry = {at: pose.position for at, pose in read_poses(recording, '/odom')}
     false = draw_false(truth, _FALSE)
-    print(f'playing it to both nodes, at {_RATE:g} times its speed ...', file=sys.stderr)
+    print(f'sending it to both nodes, at {_RATE:g} times its speed ...', file=sys.stderr)
     play(folder, len(truth), _RATE, VPR, false)
     after = read_trajectory(folder / 'trajectory.txt')
     told = (folder / 'pose_graph_node.log').read_text()
@@ -68,12 +68,12 @@ def play(
     vpr = ['-m', 'convseq_ros.node.vpr_node', *_words({**settings, 'result_file': table})]
     files = {'tum_file': folder / 'trajectory.txt', 'g2o_file': folder / 'graph.g2o'}
     graph = [*_GRAPH, *_words(files)]
-    player = player_arguments(folder / 'drive', rate)
+    drive = sender_arguments(folder / 'drive', rate)
     sender = ['-m', 'convseq_ros.node.false_closures', *(str(at) for pair in false for at in pair)]
     with (
         running('pose_graph_node', graph, folder, _END_S) as back_end,
         running('false_closures', sender, folder, _END_S) as sending,
-        running('player', player, folder, _END_S) as playing,
+        running('drive_sender', drive, folder, _END_S) as driving,
     ):
         for name, process in (('pose_graph_node', back_end), ('false_closures', sending)):
             log, until_s = folder / f'{name}.log', time.monotonic() + _STALLED_S
@@ -81,14 +81,14 @@ def play(
                 if process.poll() is not None or time.monotonic() > until_s:
                     raise ConvseqError(f'{name} does not start; see {log}')
                 time.sleep(_POLL_S)
-        # The player waits for vpr_node, so start it last: then both nodes get the first message.
+        # The drive waits for vpr_node, so start it last: then both nodes get the first message.
         with running('vpr_node', vpr, folder, _END_S) as node:
-            while playing.poll() is None:
+            while driving.poll() is None:
                 if node.poll() is not None or back_end.poll() is not None:
                     raise ConvseqError(f'a node stopped; see {folder}/*.log')
                 time.sleep(_POLL_S)
-            if playing.returncode:
-                raise ConvseqError(f'the player failed; see {folder / "player.log"}')
+            if driving.returncode:
+                raise ConvseqError(f'the drive was not sent; see {folder / "drive_sender.log"}')
             rows = wait_for_rows(table, frames, _STALLED_S)
             if rows < frames:
                 raise ConvseqError(f'{rows} of {frames} frames were recognised; see {folder}')

@@ -13,11 +13,10 @@ import socket
 import subprocess
 import sys
 import time
-from typing import NoReturn
 
 from convseq_ros.errors import ConvseqError, NEEDS_ROS
 from convseq_ros.io.results import read_results
-from convseq_ros.node.process import fast_dds, LARGE_IMAGES, SIGNALS
+from convseq_ros.node.process import fast_dds, LARGE_IMAGES
 
 # Topics of drawn recordings.
 IMAGE, ODOM, CAMERA_INFO = '/camera/image_raw', '/odom', '/camera/camera_info'
@@ -31,8 +30,8 @@ def recognise_live(
     """
     Return the result table that the node wrote, one row for every frame that reached it.
 
-    The player publishes a recording of `frames` images at `rate` times its speed. Tables and logs
-    go to `folder`. ConvseqError if ROS is not installed, or a process fails.
+    It is sent a recording of `frames` images at `rate` times its speed. Tables and logs go to
+    `folder`. ConvseqError if ROS is not installed, or a process fails.
     """
     need_ros()
     table = folder / 'live.csv'
@@ -41,18 +40,19 @@ def recognise_live(
     node = ['-m', 'convseq_ros.node.vpr_node', '--ros-args']
     for setting in (*files, 'queue_size:=1000', 'max_wait_s:=0.0', 'odom_wait_s:=2.0'):
         node += ['-p', setting]
-    player = [sys.executable, *player_arguments(recording, rate)]
-    with running('vpr_node', node, folder, _END_S) as process:
-        played = subprocess.run(player, env=environment(folder), check=False)
-        if played.returncode or process.poll() is not None:
-            raise ConvseqError(f'the live run failed; see {folder / "vpr_node.log"}')
+    sender = sender_arguments(recording, rate)
+    with (
+        running('vpr_node', node, folder, _END_S) as process,
+        running('drive_sender', sender, folder, _END_S) as sending,
+    ):
+        if sending.wait() or process.poll() is not None:
+            raise ConvseqError(f'the live run failed; see {folder}/*.log')
         wait_for_rows(table, frames, _STALLED_S)
     return read_results(table)
 
 
 _HIGHEST_DOMAIN = 101
 _POLL_S = 0.1
-_NODE_STARTS_S = '60'
 
 
 @cache
@@ -91,28 +91,10 @@ def need_ros(user: str = '') -> None:
         raise ConvseqError(f'{user}: {NEEDS_ROS}' if user else NEEDS_ROS)
 
 
-def become_node(module: str, arguments: Sequence[str]) -> NoReturn:
-    """Replace this process by a node's; ConvseqError if ROS is missing."""
-    need_ros()
-    sys.stdout.flush()
-    # Block signals until the node handles them: a starting Python would print a traceback.
-    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    command = [sys.executable, '-m', module, *arguments]
-    os.execve(sys.executable, command, {**os.environ, **fast_dds(LARGE_IMAGES)})
-
-
-def player_arguments(recording: Path, rate: float) -> list[str]:
-    """Return Python's arguments to play a drawn recording, with all its topics, to a node."""
-    options = {
-        '--rate': f'{rate:g}',
-        '--odom': ODOM,
-        '--camera-info': CAMERA_INFO,
-        '--wait-subscribers': _NODE_STARTS_S,
-    }
-    words = [word for option in options.items() for word in option]
-    for topic, name in ((IMAGE, 'image'), (CAMERA_INFO, 'camera_info')):
-        words += ['--remap', f'{topic}:=/{name}']
-    return ['-m', 'convseq_ros.node.player', str(recording), *words]
+def sender_arguments(recording: Path, rate: float) -> list[str]:
+    """Return Python's arguments to send a drawn recording, with all its topics, to nodes."""
+    names = f'{ODOM}:=/odom', f'{CAMERA_INFO}:=/camera_info', f'{IMAGE}:=/image'
+    return ['-m', 'convseq_ros.node.drive_sender', str(recording), f'{rate:g}', *names]
 
 
 @contextmanager

@@ -142,7 +142,8 @@ def recording_lines(facts: dict[str, Any]) -> list[str]:
     remaps = ''.join(f' -r {_REMAPPED[option]}:={quoted(name)}' for option, name in chosen.items())
     if 'topics' in facts:
         lines += ['the same, live:', f'  vpr_node --ros-args -p map_path:=map.db{remaps}']
-        lines += ['and in another terminal:', f'  convseq play {recording}{options}']
+        if not facts['recording'].endswith('.bag'):  # of ROS 1
+            lines += ['and in another terminal:', f'  ros2 bag play {recording}']
     if others:
         lines += ['or, of several:', *others]
     return lines

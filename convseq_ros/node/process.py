@@ -43,7 +43,7 @@ def use_one_thread() -> None:
 def run(module: str, code: int, text: str = '') -> int:
     """Import a module, which may take long, and return what its `main` returns."""
     end_on_signal(code, text)
-    # `become_node` blocks them before it replaces its process by this one.
+    # They may be blocked by what started this process.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
     try:
         return int(import_module(module).main())

@@ -75,10 +75,8 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
     own = {'map_path': tmp_path / 'live.db', 'result_file': live, 'queue_size': 1000}
     node = start('vpr_node', odom_wait_s=2.0, **parameters, **own)
     client.wait_for(lambda: client.node.count_subscribers('/image'), 'the node')
-    names = {'/camera/image_raw': '/image', '/wheels': '/odom', '/cam/info': '/camera_info'}
-    rules = [word for one in names.items() for word in ('--remap', ':='.join(one))]
-    player = start('player', recording, '--rate', 6, *beside, *rules)
-    assert player.wait(60) == 0
+    names = '/wheels:=/odom', '/cam/info:=/camera_info', '/camera/image_raw:=/image'
+    assert start('drive_sender', recording, 6, *names).wait(60) == 0
     part = live.with_name('live.csv.part')
     client.wait_for(lambda: len(part.read_text().splitlines()) > len(PLACES), 'all rows')
     node.send_signal(signal.SIGINT)

@@ -21,7 +21,7 @@ from typing import Any, get_args, get_type_hints
 from xml.etree import ElementTree
 
 import convseq_ros
-from convseq_ros.cli import COMMANDS, main, NODES
+from convseq_ros.cli import COMMANDS, main
 from convseq_ros.config import core_parameters
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import parameters
@@ -108,8 +108,6 @@ def commands() -> Iterator[str]:
     known = {f'--{item.name.replace("_", "-")}' for item in core_parameters()}
     for name in COMMANDS:
         yield f'convseq {name}'
-        if name in NODES:  # which have the options of every ROS program
-            continue
         module = importlib.import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
         if hasattr(module, 'describe') and f'convseq {name}' not in CHANGING:
             module.describe(parser := argparse.ArgumentParser(add_help=False))
