@@ -77,6 +77,9 @@ def write_recording(base: Path, layout: str, rows: list) -> Path:
         'mcap folder zstd': lambda: write_ros2(folder, rows, mcap, CompressionMode.STORAGE),
         'sqlite3 folder': lambda: write_ros2(folder, rows, sqlite),
         'db3 file': lambda: write_ros2(folder, rows, sqlite) / 'drive.db3',
+        'mcap folder compressed messages': lambda: write_ros2(
+            folder, rows, mcap, CompressionMode.MESSAGE
+        ),
         'sqlite3 folder compressed messages': lambda: write_ros2(
             folder, rows, sqlite, CompressionMode.MESSAGE
         ),

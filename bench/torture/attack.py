@@ -38,7 +38,6 @@ ATTACKS = {
     'map_writes': ('disk_attacks', 100),
     'node_messages': ('messages', 20),
     'odd_words': ('odd_words', 50),
-    'recording_damage': ('damage', 500),
 }
 
 

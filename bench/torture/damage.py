@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Damages files like a bad disk: a map, the log of a growing map, a recording."""
+"""Damages files like a bad disk: a map, the log of a growing map."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -11,18 +11,12 @@ from typing import NamedTuple
 from convseq_ros.core.map.format import PAGE_BYTES
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.errors import SourceError
-from convseq_ros.sources import open_source
-from mcap.writer import CompressionType
-import numpy as np
 
-from bench import recordings
 from bench.torture.attack import Try
 from bench.torture.maps import add_one, answers, crash, drawn, links_hold, log_of, problem_of_use
 
 _SECTOR = 512
 _LOG_FRAME, _LOG_HEAD = PAGE_BYTES + 24, 24  # of a log: a page with its header
-_IMAGES = 12
 
 
 class Sample(NamedTuple):
@@ -56,16 +50,6 @@ def log_damage(count: int, seed: int, folder: Path) -> Iterator[Try]:
     draw = random.Random(seed)
     samples = [_log(folder / f'{commits}.db', commits, draw) for commits in range(1, 7)]
     return _damaged(samples, (*9 * ['flip'], 'zeros'), count, draw)
-
-
-def recording_damage(count: int, seed: int, folder: Path) -> Iterator[Try]:
-    """Damage recordings of 12 images, plain, of lz4 and of zstd."""
-    kinds = CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD
-    drive, samples = recordings.drive(map(recordings.gray, range(_IMAGES))), list[Sample]()
-    for kind in kinds:
-        path = recordings.write_mcap(folder / f'{kind.name}.mcap', drive, kind)
-        samples.append(Sample(path, partial(_frames_problem, path)))
-    return _damaged(samples, ('flip',), count, random.Random(seed))
 
 
 def _damaged(
@@ -121,22 +105,3 @@ def _log(path: Path, commits: int, draw: random.Random) -> Sample:
         return problem_of_use(path, partial(used, allowed), may_refuse=is_damaged)
 
     return Sample(log, problem)
-
-
-def _frames_problem(path: Path, _damage: range) -> str:
-    """Read a damaged recording; return what is wrong with its frames."""
-    try:
-        source = open_source(path)
-        frames = list(source)
-    except SourceError as error:
-        return '' if '\n' not in str(error) else f'{error!r}'
-    stamps_ns = (recordings.START_NS + number * recordings.STEP_NS for number in range(_IMAGES))
-    written = {at: recordings.gray(number) for number, at in enumerate(stamps_ns)}
-    for frame in frames:
-        if frame.stamp_ns not in written:
-            return f'a frame of {frame.stamp_ns} ns'
-        if frame.gray is None or not np.array_equal(frame.gray, written[frame.stamp_ns]):
-            return f'the frame of {frame.stamp_ns} ns is another'
-    if len(frames) < _IMAGES and not 1 <= len(source.warnings) <= 2:  # which chunk, how many
-        return f'{len(frames)} frames, told in {source.warnings}'
-    return ''

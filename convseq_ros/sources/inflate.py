@@ -3,7 +3,7 @@
 """Decompresses data without using more memory than they declare, or than is allowed."""
 
 from bz2 import BZ2Decompressor
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 import importlib
 from pathlib import Path
@@ -13,19 +13,30 @@ from typing import Any
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import SourceError
 
-_PIECE_BYTES = 1 << 20
+ZSTD_START = b'\x28\xb5\x2f\xfd'
 
 
 def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
     """
     Return the content of a compressed stream; if it is cut short, as much as there is.
 
-    `compression` is 'zstd', 'lz4', 'bz2', or '' for none. SourceError if the content is larger
+    `compression` is 'zstd', 'lz4', 'bz2', or '' or 'none'. SourceError if the content is larger
     than `most_bytes`; an error of the compression's library if the stream is damaged.
     """
-    if compression not in _INFLATERS:
+    if compression in ('', 'none'):
+        content = data
+    elif compression == 'bz2':
+        content = BZ2Decompressor().decompress(data, most_bytes + 1)
+    elif compression == 'lz4':
+        lz4: Any = importlib.import_module('lz4.frame')
+        content = bytes(lz4.LZ4FrameDecompressor().decompress(data, most_bytes + 1))
+    elif compression == 'zstd':
+        import zstandard
+
+        packed = zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True)
+        content = packed.read(most_bytes + 1)
+    else:
         raise SourceError(f'compression {compression!r} is unknown; expected zstd or lz4')
-    content = _INFLATERS[compression](data, most_bytes + 1)
     if len(content) > most_bytes:
         raise SourceError(
             f'{len(data)} bytes hold more than the {most_bytes} that they declare, or that '
@@ -51,28 +62,3 @@ def inflated_file(path: Path, reading: ReadingConfig) -> Iterator[Path]:
                 reading.refuse_bomb(path, inflated, size)
                 file.write(piece)
         yield plain
-
-
-def _zstd(data: bytes, most_bytes: int) -> bytes:
-    import zstandard
-
-    reader = zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True)
-    pieces, bytes_left = [], most_bytes
-    while bytes_left and (piece := reader.read(min(bytes_left, _PIECE_BYTES))):
-        pieces.append(piece)
-        bytes_left -= len(piece)
-    return b''.join(pieces)
-
-
-def _lz4(data: bytes, most_bytes: int) -> bytes:
-    frame: Any = importlib.import_module('lz4.frame')
-    return bytes(frame.LZ4FrameDecompressor().decompress(data, most_bytes))
-
-
-_INFLATERS: dict[str, Callable[[bytes, int], bytes]] = {
-    '': lambda data, _: data,
-    'none': lambda data, _: data,
-    'bz2': lambda data, most_bytes: BZ2Decompressor().decompress(data, most_bytes),
-    'lz4': _lz4,
-    'zstd': _zstd,
-}

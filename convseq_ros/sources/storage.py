@@ -3,7 +3,6 @@
 """One interface to the files of a recording, complete or damaged."""
 
 from collections.abc import Callable, Iterator
-from itertools import takewhile
 from pathlib import Path
 import re
 from typing import Any
@@ -14,6 +13,7 @@ from convseq_ros.io.files import read_yaml
 from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources import bag_file, database_file, mcap_file
 from convseq_ros.sources.folder import natural_key
+from convseq_ros.sources.inflate import inflate, inflated_file, ZSTD_START
 from convseq_ros.sources.raw_message import RawMessage
 from convseq_ros.sources.topics import ForeignRecording, typestore
 
@@ -22,7 +22,6 @@ _FORMATS: dict[str, tuple[Any, str]] = {
     '.db3': (database_file, 'sqlite3 FILE .recover'),
     '.bag': (bag_file, 'rosbag reindex'),
 }
-_DISORDER_NS = 1_000_000_000  # by which recorders write messages too late
 _NAME = re.compile(r'(\.mcap|\.db3|\.bag)(\.zstd)?$')
 
 
@@ -46,7 +45,9 @@ class Storage:
         self._format, repair = _FORMATS[name[1]]
         self._advice = f'repair it with `{repair}` or record again'
         try:
-            self.topics, self.start_ns, self.end_ns, damage = self._format.index(path, reading)
+            with inflated_file(path, reading) as plain:
+                about = self._format.index(plain, reading)
+            self.topics, self.start_ns, self.end_ns, damage = about
         except ImportError as error:
             package = (error.name or '').partition('.')[0]
             raise SourceError(f'{path}: {package} is missing; {pip_install(package)}') from None
@@ -63,23 +64,6 @@ class Storage:
         """Time from the first message to the last."""
         return max(0, self.end_ns - self.start_ns) / 1e9
 
-    def is_part_of(self, other: 'Storage') -> bool:
-        """Return whether another file has these topics, these times and the first message."""
-        filled = [topic for topic in self.topics.values() if topic.count]
-        if not filled or not (other.start_ns <= self.start_ns and self.end_ns <= other.end_ns):
-            return False
-        for topic in filled:
-            if topic.name not in other.topics or topic.count > other.topics[topic.name].count:
-                return False
-        name = max(filled, key=lambda topic: topic.count).name
-        try:
-            first = next(self.messages(name))
-            last_ns = first.log_time_ns + _DISORDER_NS
-            soon = takewhile(lambda item: item.log_time_ns <= last_ns, other.messages(name))
-            return first in soon
-        except (SourceError, StopIteration):
-            return False
-
     def messages(
         self, topic: str, warn: Callable[[str], None] = lambda _line: None
     ) -> Iterator[RawMessage]:
@@ -91,9 +75,10 @@ class Storage:
         report = lambda line: warn(f'{self.path}: {line}')  # noqa: E731
         count = 0
         try:
-            for message in self._format.messages(self.path, self._reading, topic, report):
-                yield message
-                count += 1
+            with inflated_file(self.path, self._reading) as plain:
+                for message in self._format.messages(plain, self._reading, topic, report):
+                    yield self._plain(message)
+                    count += 1
         except Exception as error:
             if self.damage and self.path.exists():
                 return
@@ -101,6 +86,12 @@ class Storage:
                 f'{self.path}: damaged after {count} messages of {topic} ({one_line(error)}); '
                 f'{self._advice}'
             ) from None
+
+    def _plain(self, message: RawMessage) -> RawMessage:
+        """Return a message whose recorder may have compressed it; else its first byte is 0."""
+        if not message.cdr.startswith(ZSTD_START):
+            return message
+        return message._replace(cdr=inflate(message.cdr, 'zstd', self._reading.most_bytes))
 
 
 def is_storage_file(path: Path) -> bool:
@@ -135,27 +126,31 @@ def open_storage(
             warnings.append(f'{error}; the file was left out')
     if not storages:
         raise problem
-    return _without_copies(storages, warnings), warnings
+    return storages, warnings
 
 
 def _files_of(folder: Path, reading: ReadingConfig) -> tuple[list[Path], list[str]]:
     """Return the files that a folder's metadata.yaml names, or all, and a line on the others."""
     files = [file for file in sorted(folder.iterdir(), key=natural_key) if is_storage_file(file)]
-    present, named = {file.name for file in files}, _named_in(folder / 'metadata.yaml', reading)
-    chosen: set[str] = set()
-    for name in named:
+    present, chosen, missing = {file.name for file in files}, set[str](), list[str]()
+    for name in _named_in(folder / 'metadata.yaml', reading):
         # A file may have been compressed, or decompressed, since it was recorded.
         forms = name, f'{name}.zstd', name.removesuffix('.zstd')
-        chosen.update([form for form in forms if form in present][:1])
-    if not chosen:
+        found = [form for form in forms if form in present][:1]
+        chosen.update(found)
+        missing += [] if found else [name]
+    others = [file.name for file in files if file.name not in chosen]
+    if chosen and missing:
+        return files, [
+            f'{folder}: metadata.yaml names {", ".join(missing)}, not there; all that is there '
+            'is read: copy them, too'
+        ]
+    if not (chosen and others):
         return files, []
-    warnings: list[str] = []
-    if others := [file.name for file in files if file.name not in chosen]:
-        warnings.append(
-            f'{folder}: metadata.yaml does not name {", ".join(others)}; left out: remove '
-            'metadata.yaml to read all files'
-        )
-    return [file for file in files if file.name in chosen], warnings
+    return [file for file in files if file.name in chosen], [
+        f'{folder}: metadata.yaml does not name {", ".join(others)}; left out: remove '
+        'metadata.yaml to read all files'
+    ]
 
 
 def _named_in(metadata: Path, reading: ReadingConfig) -> list[str]:
@@ -165,18 +160,3 @@ def _named_in(metadata: Path, reading: ReadingConfig) -> list[str]:
         return [Path(name).name for name in about['relative_file_paths']]
     except (ConfigError, LookupError, TypeError):
         return []
-
-
-def _without_copies(storages: list[Storage], warnings: list[str]) -> list[Storage]:
-    """Return the storages without those that another one holds; add a line for each."""
-    kept: list[Storage] = []
-    by_size = sorted(storages, key=lambda one: -sum(topic.count for topic in one.topics.values()))
-    for storage in by_size:
-        if whole := next((other for other in kept if storage.is_part_of(other)), None):
-            warnings.append(
-                f'{storage.path}: {whole.path.name} holds the same messages; left out: remove one '
-                'of them'
-            )
-        else:
-            kept.append(storage)
-    return [storage for storage in storages if storage in kept]

@@ -9,14 +9,13 @@ import pytest
 
 LAYOUTS = (
     'mcap folder',
-    'mcap file',
     'sqlite3 folder',
-    'db3 file',
     'ros1 bag',
     'mcap zstd',
     'mcap lz4',
     'mcap without chunks',
     'mcap folder zstd',
+    'mcap folder compressed messages',
     'sqlite3 folder compressed messages',
     'sqlite3 folder compressed file',
 )

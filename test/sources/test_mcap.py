@@ -70,16 +70,6 @@ def test_several_damaged_chunks_are_reported_in_one_line(write, pictures):
     assert f'damaged chunks: 2, the first at byte {chunks[1][0]}; left out' in source.warnings[0]
 
 
-def test_without_an_index_a_damaged_chunk_still_names_its_topics(write, pictures):
-    path = write('mcap plain', recordings.drive(pictures))
-    (start, end, lost), *_ = chunks_of(path)
-    flip(path, end - 100)
-    path.write_bytes(path.read_bytes()[:-20])
-    source = open_source(path)
-    assert len(list(source)) == 12 - lost
-    assert any(f'first at byte {start}; left out' in line for line in source.warnings)
-
-
 def test_a_damaged_chunk_costs_no_message_of_topics_outside_of_it(write, pictures):
     odometry = [('/odom', i + 1, recordings.odometry(float(i), i + 1)) for i in range(5)]
     path = write('mcap plain', [*odometry, *recordings.drive(pictures)])

@@ -1,13 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A folder with several files of a recording: each message is read once."""
+"""A folder with several files of a recording: which are read."""
 
 import shutil
 
 from convseq_ros.sources import open_source
 from convseq_ros.sources.storage import open_storage
 import numpy as np
-import pytest
 import recordings
 import zstandard
 
@@ -19,20 +18,6 @@ def assert_shows(path, pictures, *lines):
     assert len(source.warnings) == len(lines)
     for line, words in zip(source.warnings, lines, strict=True):
         assert words in line
-
-
-@pytest.mark.parametrize('layout', ['mcap folder', 'sqlite3 folder'])
-@pytest.mark.parametrize('has_metadata', [True, False])
-def test_a_file_beside_its_compressed_copy_is_read_once(write, pictures, layout, has_metadata):
-    folder = write(layout, recordings.drive(pictures))
-    (file,) = folder.glob('drive.*')
-    copy = folder / f'{file.name}.zstd'
-    copy.write_bytes(zstandard.compress(file.read_bytes()))
-    told = f'metadata.yaml does not name {copy.name}; left out'
-    if not has_metadata:
-        (folder / 'metadata.yaml').unlink()
-        told = f'{copy}: {file.name} holds the same messages; left out'
-    assert_shows(folder, pictures, told)
 
 
 def test_metadata_decides_which_files_are_read(write, tmp_path, pictures):
@@ -48,6 +33,14 @@ def test_metadata_decides_which_files_are_read(write, tmp_path, pictures):
     assert not warnings
 
 
+def test_parts_that_metadata_names_and_nobody_copied_are_told(write, pictures):
+    folder = write('mcap folder', recordings.drive(pictures))
+    about = folder / 'metadata.yaml'
+    parts = '- drive.mcap\n  - drive_1.mcap\n  - drive_2.mcap\n'
+    about.write_text(f'rosbag2_bagfile_information:\n  relative_file_paths:\n  {parts}')
+    assert_shows(folder, pictures, 'metadata.yaml names drive_1.mcap, drive_2.mcap, not there')
+
+
 def test_a_file_that_was_compressed_after_recording_is_the_one_that_metadata_names(
     write, pictures
 ):
@@ -55,30 +48,4 @@ def test_a_file_that_was_compressed_after_recording_is_the_one_that_metadata_nam
     file = folder / 'drive.db3'
     (folder / 'drive.db3.zstd').write_bytes(zstandard.compress(file.read_bytes()))
     file.unlink()
-    assert_shows(folder, pictures)
-
-
-@pytest.mark.parametrize('suffix', ['', '_recovered'])
-def test_a_whole_file_is_read_instead_of_its_truncated_copy(write, tmp_path, pictures, suffix):
-    whole = write('mcap plain', recordings.drive(pictures))
-    folder = tmp_path / 'both'
-    folder.mkdir()
-    content = whole.read_bytes()
-    cut, full = ('a.mcap', 'a_recovered.mcap') if suffix else ('b.mcap', 'a.mcap')
-    (folder / cut).write_bytes(content[: len(content) // 2])
-    (folder / full).write_bytes(content)
-    assert_shows(folder, pictures, f'{cut}: {full} holds the same messages')
-
-
-def test_a_bag_beside_its_original_is_read_once(write, pictures):
-    bag = write('ros1 bag', recordings.drive(pictures))
-    shutil.copy(bag, bag.with_name('drive.orig.bag'))
-    assert_shows(bag.parent, pictures, 'drive.orig.bag: drive.bag holds the same messages')
-
-
-def test_the_same_times_with_other_images_are_another_recording(write, tmp_path, pictures):
-    folder = tmp_path / 'both'
-    folder.mkdir()
-    for name, part in (('a', pictures[:6]), ('b', pictures[6:])):
-        shutil.copy(write('mcap plain', recordings.drive(part)), folder / f'{name}.mcap')
     assert_shows(folder, pictures)
