@@ -41,7 +41,7 @@ def draw(folder: Path) -> None:
 
 def answer(folder: Path) -> None:
     """Print the checksum of the map's cells, and every frame's answer."""
-    config = with_values(Config(), {'keyframe_overlap': 1.0, 'stationary_overlap': 1.0})
+    config = with_values(Config(), {'keyframe_overlap': 1.0, 'stationary_glance': 0.0})
     made = build_map(open_source(folder / 'first'), None, config)
     print(len(made), np.sum([made.cells(index).astype(np.float64) for index in range(len(made))]))
     recognizer = PlaceRecognizer(made, config)

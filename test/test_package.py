@@ -276,10 +276,10 @@ class Correlation(DescriptorMatcher):
     places = None
 
     def extract(self, descriptor):
-        return Features(descriptor.cells, descriptor.cells)
+        return Features(descriptor.cells)
 
     def scores_of(self, asked):
-        return [np.array([self.score(one.exact, at) for at in places]) for one, places in asked]
+        return [np.array([self.score(one.scored, at) for at in places]) for one, places in asked]
 
     def score(self, query, index):
         return max(0.0, np.corrcoef(query.ravel(), self.places.cells(index).ravel())[0, 1])

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The time of one image pair with each kernel, and the peak rate of the machine."""
+"""The time of one image pair, and the peak rate of the machine."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,14 +18,12 @@ from convseq_ros.core.similarity.coherent import extract
 from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
 from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.types import Descriptor
-from convseq_ros.errors import ConfigError
 import numpy as np
 
 from bench.finding import Finding
 from bench.machine import float32_peak, int8_peak
 from bench.material import Work
 
-KERNELS = ('int8', 'float32', 'numpy')
 REGIONS = 900  # of a reference
 OPERATIONS = 2 * 32  # per pair of regions: 32 products and sums
 _PAIRS, _ROUNDS = 32, 40
@@ -48,7 +46,7 @@ def measure(work: Work) -> list[Finding]:
     indices = (work.sizes[0] // 2 + np.arange(_PAIRS)) % work.sizes[0]
     features = extract(query, _SALIENCY * ENTROPY.max_bits)
     assert features
-    exact = [
+    expected = [
         coherent_score(features, projected_regions(references.cells(index)))[0]
         for index in indices.tolist()
     ]
@@ -58,26 +56,20 @@ def measure(work: Work) -> list[Finding]:
         Finding(what='peak of a core, float32', value=float32_peak(), unit='GFLOP/s'),
         Finding(what='peak of a core, int8', value=peak, unit='GOP/s', note=library().variant),
     ]
-    for kernel in KERNELS:
-        chosen = MatchingConfig(kernel=kernel, threads=1, subtract_background=False)
-        finding = Finding(what=what, side=f'{kernel} kernel')
-        try:
-            matcher = Matcher(references, chosen, _SALIENCY)
-        except ConfigError as error:
-            findings.append(replace(finding, note=str(error)))
-            continue
-        extracted = matcher.extract(query)
-        assert extracted
-        run = partial(matcher.scores_of, [(extracted, indices)])
-        off = float(np.abs(run()[0] - exact).max())
-        took_ms = _pair_ms(run, 1 if work.quick else _ROUNDS)
-        low, value, high = (float(one) for one in np.percentile(took_ms, (25, 50, 75)))
-        timed = replace(finding, value=value, low=low, high=high, runs=len(took_ms))
-        findings.append(replace(timed, note=f'error {off:.0e}'))
-        if kernel == 'int8' and peak:
-            share = len(features.index) * REGIONS * OPERATIONS / value / 1e6 / peak
-            finding = replace(finding, value=share, unit='of the peak', least=_LEAST_SHARE)
-            findings.append(finding)
+    matcher = Matcher(references, MatchingConfig(threads=1, subtract_background=False), _SALIENCY)
+    extracted = matcher.extract(query)
+    assert extracted
+    run = partial(matcher.scores_of, [(extracted, indices)])
+    off = float(np.abs(run()[0] - expected).max())
+    took_ms = _pair_ms(run, 1 if work.quick else _ROUNDS)
+    low, value, high = (float(one) for one in np.percentile(took_ms, (25, 50, 75)))
+    finding = Finding(what=what, side='int8 kernel')
+    timed = replace(finding, value=value, low=low, high=high, runs=len(took_ms))
+    findings.append(replace(timed, note=f'error {off:.0e}'))
+    if peak:
+        share = len(features.index) * REGIONS * OPERATIONS / value / 1e6 / peak
+        finding = replace(finding, value=share, unit='of the peak', least=_LEAST_SHARE)
+        findings.append(finding)
     return findings
 
 

@@ -89,11 +89,6 @@ class MatchingConfig(Checked):
         False, 'Whether the robot often passes places in reverse order: in reverse gear, or with '
         'a rear camera on the way back.',
     )
-    kernel: str = parameter(
-        'auto', 'Implementation of image comparison: int8 and float32 are compiled C, numpy '
-        'needs no compiler, auto takes the fastest one available.',
-        choices=('auto', 'int8', 'float32', 'numpy'),
-    )
     threads: int = parameter(
         0, 'Threads that compare images; 0 uses at most two cores.',
         low=0, high=256,
@@ -104,8 +99,10 @@ class MatchingConfig(Checked):
 class MotionConfig(Checked):
     """When a robot stands still: its frames add no information and are left out."""
 
-    # Without odometry, a robot stands still while frames are more similar than this; 1: never.
-    stationary_overlap: float = 0.985
+    # Without odometry, a robot stands still while glances (encoding.glance) are closer; 0: never.
+    # Of 1,208 pairs with noise of 1 to 8 levels and by 5 to 100 % of the light, 47 % of
+    # those that did not move are closer, 3 % that moved by a pixel of 640, and none by two.
+    stationary_glance: float = 0.1
     stationary_m: float = parameter(
         0.05, 'With odometry, the robot stands until it has moved this far or has turned by 18 '
         'degrees; 0 turns this off.',

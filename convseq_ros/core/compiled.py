@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-VERSION = 23  # of the kernels' arguments; native/cpu.c has the same number
+VERSION = 24  # of the kernels' arguments; native/cpu.c has the same number
 # Instruction sets with kernels, best first; the two architectures share none.
 VARIANTS = ('avx512', 'avxvnni', 'avx2', 'dotprod', 'neon')
 _FOLDER = Path(__file__).parent

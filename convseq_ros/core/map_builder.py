@@ -12,6 +12,7 @@ from convseq_ros.config import Config, EVERY_FRAME, MotionConfig
 from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
+from convseq_ros.core.encoding.glance import Glance, glance
 from convseq_ros.core.gate.stamp_order import AnyOrder
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
@@ -23,7 +24,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Descriptor, Frame, Match
 
 # Never stationary: every place of a map is a keyframe.
-_NEVER_STILL = MotionConfig(stationary_overlap=1.0, stationary_m=0.0)
+_NEVER_STILL = MotionConfig(stationary_glance=0.0, stationary_m=0.0)
 
 
 class MapBuilder:
@@ -181,10 +182,19 @@ def link_map(unlinked: ReferenceMap, config: Config = Config()) -> Iterator[int]
 class _DrivenMap(OnlineMap):
     """A map whose places are passed again in order; they are linked, and none is added."""
 
+    def follow(self, _edges: Glance | None) -> None:
+        """Take in the glance of the next place, by its thumbnail."""
+        preview = decode_jpeg(self._map.thumbnail(self._next))
+        super().follow(None if preview is None else glance(preview))
+
     def add(self, _frame: Frame, _descriptor: Descriptor, _match: Match | None = None) -> None:
         """Link the next place to the one that its match recognises."""
-        link(self._map.links, self.session_start + len(self._passed_at), _match)
-        self._passed_at.append(self._passed)
+        link(self._map.links, self._next, _match)
+        self._passed_at.append(self._scenes.passed)
+
+    @property
+    def _next(self) -> int:
+        return self.session_start + len(self._passed_at)
 
 
 def _as_driven(source: ReferenceMap) -> ReferenceMap:

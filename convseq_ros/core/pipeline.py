@@ -51,8 +51,7 @@ class Pipeline:
             raise
         self.recognizer = self.cameras.first  # of the first camera, which adds places
         self.kernel = self.recognizer.matcher.kernel  # name of the kernel of pair scores
-        # Why this kernel is slow, with the remedy; empty if NumPy was chosen.
-        self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
+        self.slow = slow_path()  # why this kernel is slow, with the remedy
         # Distance between keyframes, of the map and by odometry of queries; 0 without a limit.
         self.keyframes_m = reference_map.keyframes.keyframe_distance_m
 

@@ -10,6 +10,7 @@ from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.decider import Answer, Decider, Query
 from convseq_ros.core.decision.localizer import Localizer
 from convseq_ros.core.decision.paper.decider import PaperDecider
+from convseq_ros.core.decision.paper.pair_score import PaperMatcher
 from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import Describe, FirstStage
@@ -23,7 +24,6 @@ from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.pose.shift import with_shift_and_yaw
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces, CoarseScores
 from convseq_ros.core.similarity.matcher import Features, make_matcher, Matcher
-from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import (
     Anchor,
     Candidate,
@@ -92,11 +92,10 @@ class PlaceRecognizer:
         length = reference_map.global_descriptors.shape[1]
         self.first_stage = FirstStage(describe, reference_map.encoding, length)
         self.model_ms = 0.0  # how long the descriptor model took for the newest frame
-        similarity = PaperSimilarity(config.matching.kernel)
-        self.gate = FrameGate(config, reference_map.keyframes, similarity)
+        self.gate = FrameGate(config, reference_map.keyframes)
         followed = leader and FollowedMap(reference_map, leader.mapping)
         self.mapping: PreloadedMap = mapping or followed or mapping_of(reference_map, config)
-        self.matcher = matcher or make_matcher(reference_map, config)
+        self.matcher = matcher or _made_matcher(reference_map, config)
         self._buffer = QueryBuffer(self.matcher, reference_map.bounds)
         if config.matching.search == 'exhaustive':
             coarse = AllPlaces()
@@ -104,7 +103,7 @@ class PlaceRecognizer:
         self.decider: Decider = (
             BeliefDecider(reference_map, self.matcher, coarse, config)
             if config.believes
-            else PaperDecider(reference_map, coarse, similarity, config)
+            else PaperDecider(reference_map, coarse, config)
         )
         if leader:
             self.decider.use_matches_of(leader.decider)
@@ -147,10 +146,10 @@ class PlaceRecognizer:
         # 2. III-B, III-C: entropy, and histograms of gradients, if the frame may be a keyframe.
         encode = partial(self._described, frame, descriptor)
         verdict = self.gate.check(frame.stamp_ns, frame.pose, encode, frame.gray)
-        self.mapping.follow(verdict.passed)
         if verdict.reason:
             repeated = self._as_match(frame, self._repeated(verdict.reason))
             return with_shift_and_yaw(repeated, frame, self.reference_map)
+        self.mapping.follow(verdict.edges)
         # 3. A descriptor model describes the keyframe as well (ours).
         descriptor = self.first_stage.add(frame, verdict.descriptor)
         self.model_ms = self.first_stage.duration_ms
@@ -277,3 +276,9 @@ class PlaceRecognizer:
         stages = self._order, self.gate, self.matcher, self._buffer, self.decider, self.localizer
         for stage in stages:
             stage.reset()
+
+
+def _made_matcher(reference_map: ReferenceMap, config: Config) -> Matcher:
+    if config.matching.matching == 'regional' and reference_map.encoding.keeps_cells:
+        return PaperMatcher(reference_map)
+    return make_matcher(reference_map, config)

@@ -40,7 +40,7 @@ class GivenScores(Matcher):
     """A matcher that returns given scores, those of the first frame until `advance`."""
 
     def __init__(self, rows: Scores) -> None:
-        self.kernel, self.exact, self._frame = 'given', True, 0
+        self.kernel, self._frame = 'given', 0
         self._rows = rows
 
     def advance(self) -> None:
@@ -52,10 +52,10 @@ class GivenScores(Matcher):
 
     def extract(self, _descriptor: Descriptor) -> Features | None:
         row = self._rows[self._frame]
-        return Features(row, lambda: row) if np.isfinite(row).any() else None
+        return Features(row) if np.isfinite(row).any() else None
 
     def scores_of(self, requests: Sequence[tuple[Features, Indices]]) -> list[Scores]:
-        return [query.approximate[indices] for query, indices in requests]
+        return [query.scored[indices] for query, indices in requests]
 
     def shift(self, _query: Features, _index: int) -> Shift | None:
         """Return None: shifts are not given."""

@@ -117,7 +117,7 @@ class Fleet:
         self._open()
         coarse = partial(FleetScores, self, config.matching.both_directions)
         self.cameras = Cameras(self.reference_map, config, sources, coarse, describe)
-        self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
+        self.slow = slow_path()
 
     @property
     def ignored(self) -> list[str]:

@@ -26,7 +26,7 @@ import numpy as np
 FRAMES, SHOWN, WRONG = 60, 30, 12
 SIDE = 512
 GREEN, RED, INK = '#178a3d', '#c62828', '#17212b'
-SETTINGS = {'keyframe_overlap': 1.0, 'stationary_overlap': 1.0, 'search': 'exhaustive'}
+SETTINGS = {'keyframe_overlap': 1.0, 'stationary_glance': 0.0, 'search': 'exhaustive'}
 
 
 def main(folder: Path) -> None:

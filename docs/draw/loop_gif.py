@@ -30,7 +30,7 @@ _INK, _DIM, _GREEN, _PAPER = (230, 237, 243), (110, 118, 129), (63, 185, 80), (1
 
 def draw(folder: Path, path: Path) -> None:
     """Recognise the images one after another, in a map that grows, and draw the second round."""
-    values = {'mode': 'online', 'keyframe_overlap': 1.0, 'stationary_overlap': 1.0}
+    values = {'mode': 'online', 'keyframe_overlap': 1.0, 'stationary_glance': 0.0}
     config = with_values(Config(), values)
     recognizer = PlaceRecognizer(ReferenceMap(config.encoding, keyframes=config.keyframes), config)
     pictures = pictures_in(folder)

@@ -159,7 +159,7 @@ def map_of(*images):
 
 
 def matcher(reference_map, **settings):
-    return Matcher(reference_map, MatchingConfig(kernel='numpy', **settings), 0.5)
+    return Matcher(reference_map, MatchingConfig(**settings), 0.5)
 
 
 def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, KeyframeConfig, MotionConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.encoding.glance import glance
 from convseq_ros.core.gate.dropped_frames import FrameDropDetector
 from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.gate.stamp_order import Order, StampOrder
 from convseq_ros.core.gate.standstill import Standstill
-from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Reason
 import numpy as np
 from poses import at
@@ -37,7 +37,7 @@ def verdicts(described):
     """Return what a gate says of places, one a step; None is a frame that never comes."""
 
     def say(places, keyframes=EVERY_FRAME, encode=None):
-        gate = FrameGate(Config(), keyframes, PaperSimilarity())
+        gate = FrameGate(Config(), keyframes)
         descriptor = described(0)
         return [
             gate.check(index * STEP_NS, at(place), encode or (lambda: descriptor))
@@ -74,12 +74,12 @@ def test_an_unreadable_frame_is_a_keyframe_only_where_time_and_pose_decide(descr
         KeyframeConfig(keyframe_interval_s=0.3, keyframe_overlap=1),
     )
     for keyframes, first in ((by_scene, None), (by_time, 0)):
-        gate = FrameGate(Config(), keyframes, PaperSimilarity())
+        gate = FrameGate(Config(), keyframes)
         assert gate.check_unreadable(0, at(0)) == first
         assert gate.check_unreadable(STEP_NS, at(1)) is None  # early
         assert gate.check_unreadable(3 * STEP_NS, at(3)) == first
     # One that stands still is none, and the next keyframe knows of no dropped ones.
-    gate = FrameGate(Config(), EVERY_FRAME, PaperSimilarity())
+    gate = FrameGate(Config(), EVERY_FRAME)
     for index in range(12):
         assert gate.check(index * STEP_NS, at(index), lambda: described(0)).reason is None
     assert gate.check_unreadable(14 * STEP_NS, at(11)) is None
@@ -92,8 +92,8 @@ BLANK = blank_descriptor(EncodingConfig())
 
 def choosing(config=EVERY_FRAME, **settings):
     """Return a gate that does not ask whether the robot moves."""
-    moving = Config(motion=MotionConfig(stationary_m=0.0, stationary_overlap=1.0))
-    return FrameGate(moving, replace(config, **settings), PaperSimilarity())
+    moving = Config(motion=MotionConfig(stationary_m=0.0, stationary_glance=0.0))
+    return FrameGate(moving, replace(config, **settings))
 
 
 def told(keyframes, stamp_ns, descriptor, pose=None):
@@ -138,19 +138,27 @@ def test_a_camera_that_is_a_little_early_now_and_then_keeps_its_rhythm():
     assert found == [*range(0, 40, 2)]
 
 
-SMALL = EncodingConfig(image_size_px=128)
-
 SCENE = np.kron(np.random.default_rng(0).integers(0, 256, (40, 60)), np.ones((8, 8)))
 
 
 def watching(by_image=True, **motion):
-    return Standstill(MotionConfig(**motion), by_image, PaperSimilarity())
+    return Standstill(MotionConfig(**motion), by_image)
 
 
 def view(shift_px=0, noise=0.0, seed=0):
     cut = SCENE[20:260, 20 + shift_px : 340 + shift_px]
     cut = cut + np.random.default_rng(seed).normal(0, noise or 1e-9, cut.shape)
-    return describe(np.clip(cut, 0, 255).astype(np.uint8), SMALL)
+    return glance(np.clip(cut, 0, 255).astype(np.uint8))
+
+
+def held(still, *seen):
+    """Return where the robot stands still, by poses and glances."""
+    found = []
+    for pose, edges in seen:
+        found.append(still.check(pose, edges))
+        if not found[-1]:
+            still.note(pose, edges)
+    return found
 
 
 @pytest.mark.parametrize(
@@ -161,14 +169,13 @@ def view(shift_px=0, noise=0.0, seed=0):
             [view(), view(noise=2, seed=1), view(noise=2, seed=2), view(shift_px=12)],
             [False, True, True, False],
         ),
-        ({}, [view(), blank_descriptor(SMALL), view(noise=1)], [False, False, True]),
+        ({}, [view(), None, view(noise=1)], [False, False, True]),
         ({'by_image': False}, [view()] * 3, [False] * 3),
-        ({'stationary_overlap': 1.0}, [view()] * 3, [False] * 3),
+        ({'stationary_glance': 0.0}, [view()] * 3, [False] * 3),
     ],
 )
 def test_the_same_view_with_noise_is_a_standstill_if_images_decide(settings, frames, expected):
-    still = watching(**settings)
-    assert [still.check(one, None) for one in frames] == expected
+    assert held(watching(**settings), *((None, one) for one in frames)) == expected
 
 
 @pytest.mark.parametrize(
@@ -176,21 +183,19 @@ def test_the_same_view_with_noise_is_a_standstill_if_images_decide(settings, fra
     [(at(0.04), True), (at(0.06), False), (at(0.0, yaw=0.2), True), (at(0.0, yaw=0.4), False)],
 )
 def test_odometry_decides_where_it_is_given(pose, holds):
-    still = watching(stationary_m=0.05)
-    assert not still.check(view(), at(0.0))
-    assert still.check(view(shift_px=18), pose) is holds
+    seen = (at(0.0), view()), (pose, view(shift_px=18))
+    assert held(watching(stationary_m=0.05), *seen) == [False, holds]
 
 
 def test_odometry_is_compared_with_the_last_that_moved():
-    still = watching(stationary_m=0.05)
-    held = [still.check(view(), at(0.02 * step)) for step in range(8)]
-    assert held == [False, True, True, False, True, True, False, True]
+    seen = [(at(0.02 * step), view()) for step in range(8)]
+    expected = [False, True, True, False, True, True, False, True]
+    assert held(watching(stationary_m=0.05), *seen) == expected
 
 
 def test_without_a_standstill_distance_images_decide_and_odometry_does_not():
-    still = watching(stationary_m=0.0)
-    assert not still.check(view(), at(0.0))
-    assert still.check(view(), at(9.0)) and not still.check(view(shift_px=18), at(9.0))
+    seen = (at(0.0), view()), (at(9.0), view()), (at(9.0), view(shift_px=18))
+    assert held(watching(stationary_m=0.0), *seen) == [False, True, False]
 
 
 FRAME_NS = 33_333_333

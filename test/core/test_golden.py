@@ -16,15 +16,12 @@ from convseq_ros.config import (
     with_values,
 )
 from convseq_ros.core.decision.paper.length import choose_length
+from convseq_ros.core.decision.paper.pair_score import pair_scores, paper_regions, PaperSimilarity
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.entropy import local_entropy
-from convseq_ros.core.encoding.regions import paper_regions
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.similarity.kernels import chosen_kernels
-from convseq_ros.core.similarity.kernels.numpy_regional import pair_scores
-from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Frame
 import cv2
 import numpy as np
@@ -178,9 +175,8 @@ def test_all_scores_of_single_frames_are_those_of_cohog(corridor):
         [describe(from_bgr(path), config.encoding) for path in sorted(folder.glob('*.jpg'))]
         for folder in (corridor / 'query', corridor / 'ref')
     )
-    _, exact = chosen_kernels(config.matching)
-    prepared = [exact.prepare(one.cells, None) for one in references]
-    rows = [exact.compare(exact.extract(one, 0.0, None), prepared)[0] for one in queries]
+    others = [paper_regions(one.cells) for one in references]
+    rows = [pair_scores(paper_regions(one.cells)[one.salient], others) for one in queries]
     golden = golden_rows_of(corridor, 'reference_cohog_corridor_ET04_111x111')
     assert np.abs(np.array(rows) - golden).max() < 1e-4
     assert np.abs(rows - golden_rows_of(corridor, 'vprbench_cohog_scores')).max() < 3e-3

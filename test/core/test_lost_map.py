@@ -20,7 +20,7 @@ SECOND = 1_000_000_000
 PAST = 20  # places that may be matched after the first drive
 PLACES = PAST + RECENT.keyframes + 1
 SETTINGS = {
-    'matching': 'regional', 'search': 'exhaustive', 'kernel': 'numpy', 'image_size_px': 128,
+    'matching': 'regional', 'search': 'exhaustive', 'image_size_px': 128,
     'fixed_length': 1, 'keyframe_overlap': 1.0, 'rival_distance': 1,
 }  # fmt: skip
 

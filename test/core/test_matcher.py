@@ -5,18 +5,16 @@
 import os
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.compiled import available, Library
+from convseq_ros.core.compiled import library
+from convseq_ros.core.decision.paper.pair_score import PaperMatcher
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity import kernels
 from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.similarity.threads import usable_cores
 from convseq_ros.core.types import Descriptor
-from convseq_ros.errors import ConfigError
 import numpy as np
 import pytest
-
-KERNELS = ['numpy', *(['float32', 'int8'] if available() else [])]
 
 
 def drawn(seed):
@@ -33,29 +31,26 @@ def drawn_map(count, blank=()):
     return reference_map
 
 
-@pytest.fixture(params=['coherent', 'regional'])
-def kind(request):
+def ours(reference_map, kept=None, threads=1):
+    return Matcher(reference_map, MatchingConfig(threads=threads), 0.45, kept)
+
+
+def papers(reference_map, _kept=None, _threads=1):
+    return PaperMatcher(reference_map)
+
+
+@pytest.fixture(params=[ours, papers])
+def made(request):
+    """Return a function that makes a matcher of a map."""
     return request.param
-
-
-@pytest.fixture(params=KERNELS)
-def made(request, kind):
-    """Return a function that makes a matcher of a map, with one kernel."""
-
-    def make(reference_map, kept=None, threads=1):
-        matching = MatchingConfig(matching=kind, kernel=request.param, threads=threads)
-        return Matcher(reference_map, matching, 0.45, kept)
-
-    return make
 
 
 def test_a_reference_that_shows_nothing_has_no_score(made):
     matcher = made(drawn_map(5, blank=(1, 3)))
     query = matcher.extract(drawn(4))
-    for scores_of in (matcher.scores_of, matcher.exact_scores_of):
-        found = scores_of([(query, np.arange(5))])[0]
-        assert np.isnan(found).tolist() == [False, True, False, True, False]
-        assert np.nanargmax(found) == 4
+    found = matcher.scores_of([(query, np.arange(5))])[0]
+    assert np.isnan(found).tolist() == [False, True, False, True, False]
+    assert np.nanargmax(found) == 4
     assert np.isnan(matcher.scores_of([(query, np.array([3]))])[0]).all()
     assert matcher.shift(query, 1) is None
     assert matcher.field(query, 1, (0.0, 0.0)).shape == (0, 5)
@@ -104,7 +99,7 @@ def watched():
 
 @pytest.mark.parametrize('threads', [1, 3])
 def test_references_are_read_in_one_go_and_once(made, watched, threads):
-    matcher = made(watched, threads=threads)
+    matcher = made(watched, None, threads)
     query = matcher.extract(drawn(9))
     other = matcher.extract(drawn(3))
     watched.reads.clear()
@@ -120,7 +115,7 @@ def test_references_are_read_in_one_go_and_once(made, watched, threads):
 
 
 def test_a_failure_in_any_lot_is_raised_once(made, watched, monkeypatch):
-    matcher = made(watched, threads=3)
+    matcher = made(watched, None, 3)
     query = matcher.extract(drawn(0))
     watched.reads.clear()
     with monkeypatch.context() as patch:
@@ -131,37 +126,16 @@ def test_a_failure_in_any_lot_is_raised_once(made, watched, monkeypatch):
     assert watched.reads == [list(range(40))]
 
 
-def test_exact_scores_are_those_of_the_definition(made, kind):
-    reference_map = drawn_map(6)
-    definition = Matcher(reference_map, MatchingConfig(matching=kind, kernel='numpy'), 0.45)
-    expected = definition.scores_of([(definition.extract(drawn(2)), np.arange(6))])[0]
-    matcher = made(reference_map)
-    query = matcher.extract(drawn(2))
-    exact = matcher.exact_scores_of([(query, np.arange(6))])[0]
-    assert np.abs(exact - expected).max() < 1e-6
-    assert matcher.exact == (not matcher.kernel.startswith('int8'))
-    if matcher.exact:
-        assert np.abs(matcher.scores_of([(query, np.arange(6))])[0] - expected).max() < 1e-6
-
-
-def test_only_coherent_matching_gives_the_shift(made, kind):
+def test_only_coherent_matching_gives_the_shift(made):
     matcher = made(drawn_map(3))
     query = matcher.extract(drawn(1))
-    assert matcher.shift(query, 1) == ((0.0, 0.0) if kind == 'coherent' else None)
+    assert matcher.shift(query, 1) == ((0.0, 0.0) if made is ours else None)
 
 
-@pytest.mark.parametrize('kernel', ['float32', 'int8'])
-def test_a_kernel_that_the_machine_cannot_run_is_refused(monkeypatch, kernel):
+def test_without_a_library_the_definition_runs(monkeypatch):
+    assert ours(ReferenceMap()).kernel == (library().variant or 'numpy')
     monkeypatch.setattr(kernels, 'available', lambda: False)
-    monkeypatch.setattr(kernels, 'library', lambda: Library(problem='not built; install gcc'))
-    refusal = rf'kernel: no {kernel}: .*install gcc.*choose auto'
-    with pytest.raises(ConfigError, match=refusal):
-        Matcher(ReferenceMap(), MatchingConfig(kernel=kernel), 0.5)
-
-
-def test_auto_takes_the_fastest_kernel_that_there_is(kind):
-    kernel = Matcher(ReferenceMap(), MatchingConfig(matching=kind, kernel='auto'), 0.5).kernel
-    assert kernel.split()[0] == KERNELS[-1]
+    assert ours(ReferenceMap()).kernel == 'numpy'
 
 
 @pytest.mark.parametrize(

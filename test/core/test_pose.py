@@ -234,7 +234,7 @@ def measured_px(query, reference):
     """Return the shift that coherent matching finds, in pixels of the query."""
     reference_map = ReferenceMap()
     reference_map.add(Place(0), pack_cells(describe(reference).cells))
-    matcher = Matcher(reference_map, MatchingConfig(matching='coherent', kernel='numpy'), 0.5)
+    matcher = Matcher(reference_map, MatchingConfig(matching='coherent'), 0.5)
     shift = matcher.shift(matcher.extract(describe(query)), 0)
     return shift_px(shift, *query.shape, CELLS)
 

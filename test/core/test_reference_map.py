@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reference map in memory: what was added is there, whole, for every thread; thumbnails."""
 
+from itertools import pairwise
 from threading import Thread
 
 from convseq_ros.config import Config
@@ -119,6 +120,15 @@ GRAY = np.random.default_rng(0).integers(0, 256, (48, 64), np.uint8)
 DESCRIPTOR = describe(GRAY, ENCODING)
 
 
+VIEWS = np.eye(2, dtype=np.float32)  # glances far from each other
+
+
+def follow(mapping, before, passed):
+    """Pass scenes until there were so many; `before` were passed already."""
+    for number in range(before + 1, passed + 1) or [passed]:
+        mapping.follow(VIEWS[number % 2])
+
+
 def grown(passed, earlier=0):
     """Add a place each time so many scenes were passed; return the map and what was usable."""
     reference_map = ReferenceMap(ENCODING)
@@ -126,8 +136,8 @@ def grown(passed, earlier=0):
         reference_map.add(Place(index), pack_cells(DESCRIPTOR.cells))
     mapping = OnlineMap(reference_map, Config())
     usable = []
-    for scenes in passed:
-        mapping.follow(scenes)
+    for before, scenes in pairwise([0, *passed]):
+        follow(mapping, before, scenes)
         usable.append(mapping.usable)
         mapping.add(Frame(SECOND, GRAY, 'camera'), DESCRIPTOR)
     return mapping, reference_map, usable
@@ -148,20 +158,22 @@ def test_places_become_usable_once_more_than_20_scenes_were_passed_since(
     mapping, reference_map, usable = grown(passed, earlier)
     assert usable == expected and mapping.session_start == earlier
     assert len(reference_map) == earlier + len(passed)
-    mapping.follow(passed[-1] + 1)  # its frame is not stored
+    follow(mapping, passed[-1], passed[-1] + 1)  # its frame is not stored
     assert mapping.usable == expected[-1] + 1
 
 
 def test_a_new_session_begins_at_the_end_of_the_map_and_the_last_places_stay_recent():
     mapping, reference_map, _ = grown(range(1, 5))
-    mapping.follow(5)
+    follow(mapping, 4, 5)
     assert mapping.usable == 0
     mapping.reset()
     assert (mapping.session_start, mapping.usable) == (4, 0)
-    mapping.follow(6)
+    follow(mapping, 5, 6)
     mapping.add(Frame(0, GRAY), DESCRIPTOR)
+    before = 6
     for scenes, usable in ((21, 0), (22, 1), (26, 4), (27, 5)):
-        mapping.follow(scenes)
+        follow(mapping, before, scenes)
+        before = scenes
         assert mapping.usable == usable
     assert len(reference_map) == 5
 
@@ -169,7 +181,7 @@ def test_a_new_session_begins_at_the_end_of_the_map_and_the_last_places_stay_rec
 def test_another_camera_follows_the_first_one_and_counts_no_scenes():
     leader, reference_map, _ = grown(range(1, 24), earlier=7)
     follower = FollowedMap(reference_map, leader)
-    follower.follow(500)
+    follow(follower, 0, 500)
     assert follower.usable == leader.usable == 9
     assert follower.session_start == 7
 
@@ -177,6 +189,6 @@ def test_another_camera_follows_the_first_one_and_counts_no_scenes():
 def test_a_frozen_map_adds_no_place_and_still_counts_scenes():
     mapping, reference_map, _ = grown(range(1, 24))
     mapping.freeze()
-    mapping.follow(24)
+    follow(mapping, 23, 24)
     mapping.add(Frame(SECOND, GRAY), DESCRIPTOR)
     assert len(reference_map) == 23 and mapping.usable == 3

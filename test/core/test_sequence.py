@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sequence length, sequence scores, and what is rescored exactly."""
+"""Sequence length and sequence scores."""
 
 from dataclasses import replace
 from itertools import count
@@ -38,7 +38,7 @@ def frame(entropy=0.6, informative=True):
 def length(frames, similar, config=RULE):
     """Choose k where the i-th frame outward has the i-th similarity to the anchor."""
     by_identity = {id(each): value for each, value in zip(frames, similar, strict=True)}
-    return choose_length(frames, lambda _, other, _least: by_identity[id(other)], config)
+    return choose_length(frames, lambda _, other: by_identity[id(other)], config)
 
 
 def frames(count, entropy=0.6):
@@ -134,27 +134,18 @@ NOTHING = blank_descriptor(EncodingConfig())
 SHOWN = replace(NOTHING, cells=NOTHING.cells + 1, salient=~NOTHING.salient)
 
 
-class Approximate:
-    """A matcher whose scores are off by up to 0.005, as those of 8-bit kernels are."""
-
-    exact = False
+class Given:
+    """A matcher of given scores."""
 
     def __init__(self, scores):
-        self.rescored, self._frames = [], count()
-        self._exact = scores
-        error = np.random.default_rng(1).uniform(-0.005, 0.005, scores.shape)
-        self._approximate = (scores + error).astype(np.float32)
+        self._frames, self._scores = count(), scores
 
     def extract(self, _descriptor):
         """Return what stands for the features of a frame: its number."""
         return SimpleNamespace(frame=next(self._frames), packed=None)
 
     def scores_of(self, asked):
-        return [self._approximate[query.frame, indices] for query, indices in asked]
-
-    def exact_scores_of(self, asked):
-        self.rescored += [(query.frame, index) for query, some in asked for index in some.tolist()]
-        return [self._exact[query.frame, indices] for query, indices in asked]
+        return [self._scores[query.frame, indices] for query, indices in asked]
 
 
 def append(buffer):
@@ -162,7 +153,7 @@ def append(buffer):
 
 
 def filled(scores):
-    matcher = Approximate(scores)
+    matcher = Given(scores)
     buffer = QueryBuffer(matcher)
     for _ in range(len(scores)):
         append(buffer)
@@ -203,7 +194,7 @@ def drawn(seed, frames=1):
 
 @pytest.mark.parametrize('seed', range(20))
 @pytest.mark.parametrize('frames', [1, 4])
-def test_the_best_sequence_score_is_that_of_exact_scores(seed, frames):
+def test_the_best_sequence_score_is_the_mean_of_a_diagonal(seed, frames):
     scores = drawn(seed, frames)
     _, buffer = filled(scores)
     found = buffer.best_scores(frames, np.arange(REFERENCES))
@@ -212,11 +203,3 @@ def test_the_best_sequence_score_is_that_of_exact_scores(seed, frames):
     assert found[: frames - 1].tolist() == [-np.inf] * (frames - 1)
     assert found.argmax() == ends[expected.argmax()]
     assert found.max() == pytest.approx(expected.max(), abs=1e-7)
-
-
-def test_few_pairs_are_rescored_and_none_twice():
-    matcher, buffer = filled(drawn(3))
-    for _ in range(3):
-        buffer.best_scores(1, np.arange(REFERENCES))
-    assert len(matcher.rescored) == len(set(matcher.rescored))
-    assert 8 <= len(matcher.rescored) < 16

@@ -25,7 +25,7 @@ STEP_PX = 24
 COUNT = 24
 QUICK = Config(
     encoding=EncodingConfig(image_size_px=SIDE_PX, saliency_threshold=0.2),
-    matching=MatchingConfig(matching='regional', search='exhaustive', kernel='numpy'),
+    matching=MatchingConfig(matching='regional', search='exhaustive'),
     sequence=SequenceConfig(min_length=2, max_overlap_length=3, max_length=4),
     acceptance=AcceptanceConfig(rival_distance=3),
     keyframes=EVERY_FRAME,

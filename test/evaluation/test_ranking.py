@@ -8,7 +8,7 @@ from functools import partial
 from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.decision.paper.length import choose_length
-from convseq_ros.core.similarity.overlap import PaperSimilarity
+from convseq_ros.core.decision.paper.pair_score import PaperSimilarity
 from convseq_ros.core.types import Reason
 from convseq_ros.evaluation.given_scores import PairScores, rank_references, recognize_given
 from convseq_ros.evaluation.method_name import MethodName, parse_method

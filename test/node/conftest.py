@@ -46,7 +46,7 @@ DISCOVERY = """
 SECOND = 1_000_000_000
 # Quick, sure of single frames, in no hurry, and not to be changed with the defaults.
 SETTINGS = {
-    'matching': 'regional', 'search': 'exhaustive', 'kernel': 'numpy', 'max_wait_s': 0.0,
+    'matching': 'regional', 'search': 'exhaustive', 'max_wait_s': 0.0,
 }  # fmt: skip
 
 

@@ -31,7 +31,7 @@ TURNED_PX = 40
 CAMERA, AHEAD = Camera(320, 240, 300.0, 300.0, 160.0, 120.0), (0.0, 0.0, 0.0, 1.0)
 PARAMETERS = {
     'mode': 'online', 'fixed_length': 2,
-    'rival_distance': 2, 'matching': 'coherent', 'search': 'exhaustive', 'kernel': 'auto',
+    'rival_distance': 2, 'matching': 'coherent', 'search': 'exhaustive',
     'acceptance_rule': 'margin', 'stationary_m': 0.1,
 }  # fmt: skip
 

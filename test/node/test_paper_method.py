@@ -37,7 +37,7 @@ def test_the_node_gives_all_answers_of_the_released_script(
         reference_map.add(Place(index), pack_cells(describe(gray, config.encoding).cells))
     save_map(reference_map, tmp_path / 'corridor.db')
     files = {'map_path': tmp_path / 'corridor.db', 'result_file': tmp_path / 'result.csv'}
-    vpr('--params-file', str(PAPERS), kernel='auto', **files)
+    vpr('--params-file', str(PAPERS), **files)
     heard, camera = client.listen(Int32, '/vpr_node/match_index'), client.camera(Image)
     queries = backwards(corridor / 'query')
     for index, gray in enumerate(queries, 1):

@@ -61,7 +61,7 @@ def test_a_signal_in_the_middle_of_saving_waits_a_moment_and_crashes_nothing(
     client, map_path, tmp_path, takes_s, is_saved
 ):
     target = tmp_path / 'copy.db'
-    settings = f'-p map_path:={map_path} -p save_map_path:={target} -p kernel:=numpy'.split()
+    settings = f'-p map_path:={map_path} -p save_map_path:={target}'.split()
     process = subprocess.Popen(
         [sys.executable, '-c', SLOW_TO_SAVE, str(takes_s), '--ros-args', *settings],
         env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},

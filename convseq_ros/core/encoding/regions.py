@@ -3,8 +3,8 @@
 """
 Regions: overlapping blocks of cells as unit vectors, by which images are compared.
 
-The paper's regions have 2 x 2 cells (III-C). Ours have 3 x 3 cells, projected from 72 to 32
-numbers. The global descriptor summarises the image's projected regions in half a kilobyte.
+The paper's regions have 2 x 2 cells. Ours have 3 x 3 cells, projected from 72 to 32 numbers. The
+global descriptor summarises the image's projected regions in half a kilobyte.
 """
 
 from functools import cache
@@ -12,7 +12,6 @@ from importlib.resources import files
 from math import isqrt
 
 from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.encoding.descriptor import HOG
 from convseq_ros.core.types import constants, Doubles, Floats, Halves
 import numpy as np
 import numpy.typing as npt
@@ -25,9 +24,8 @@ Regions = Floats
 class REGION:
     """Sizes; engineering, those of the global descriptor by recall (commit ad68631c)."""
 
-    paper_span: int = 2  # cells in a row of a region of the paper (III-C)
     span: int = 3  # cells in a row of a projected region
-    numbers = paper_span**2 * HOG.bins  # numbers of a region, of either kind (projection.md)
+    numbers: int = 32  # of a projected region, as of a region of the paper (projection.md)
     byte_scale: float = 160.0  # from numbers to bytes; hardly any of a unit vector is clipped
     frequencies: int = 6  # of a global descriptor: row plus column index is below 6; 21 pairs
     axes: int = 12  # of a global descriptor; the first of the 32 numbers of regions
@@ -54,11 +52,6 @@ def joined_regions(cells: Cells, span: int = REGION.span, step: int = 1) -> Regi
     strides = step * row, step * column, row, number
     joined = np.lib.stride_tricks.as_strided(cells, shape, strides, writeable=False)
     return unit(joined.reshape(-1, span * span * bins))
-
-
-def paper_regions(cells: Cells) -> Regions:
-    """Return the 2 x 2-cell regions ((S - 1)^2, 32) of cells; 0 without gradient (III-C)."""
-    return joined_regions(cells, REGION.paper_span)
 
 
 @cache

@@ -7,16 +7,15 @@ A near-duplicate test recognises most other frames in 0.1 ms.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
 
 from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor
+from convseq_ros.core.encoding.glance import Glance, glance
 from convseq_ros.core.gate.dropped_frames import FRAME_DROPS, FrameDropDetector
-from convseq_ros.core.gate.near_duplicate import Glance, glance, NearDuplicate
-from convseq_ros.core.gate.scenes import Scenes
+from convseq_ros.core.gate.near_duplicate import NearDuplicate
 from convseq_ros.core.gate.standstill import near, Standstill
-from convseq_ros.core.similarity.overlap import Overlap, PaperSimilarity
+from convseq_ros.core.similarity.overlap import Overlap
 from convseq_ros.core.types import constants, Descriptor, Gray, Pose, Reason
 
 
@@ -34,33 +33,22 @@ class Verdict:
     reason: Reason | None  # why the frame is not a keyframe; None for a keyframe
     descriptor: Descriptor  # of the frame; blank if it was not needed
     missing: int = 0  # keyframes that were dropped before it, by the stamps of a steady stream
-    passed: int = 0  # scenes that the drive has passed, with this one
+    edges: Glance | None = None  # of a keyframe
 
 
 class FrameGate:
-    """
-    Selects frames that differ enough in scene, time and pose, while the robot moves.
+    """Selects frames that differ enough in scene, time and pose, while the robot moves."""
 
-    In a map that grows, it also counts the scenes that the drive has passed: of the keyframes that
-    the default spacing selects, whatever the spacing is, those of a changed view. A reset does not
-    change that number.
-    """
-
-    def __init__(
-        self, config: Config, keyframes: KeyframeConfig, similarity: PaperSimilarity
-    ) -> None:
+    def __init__(self, config: Config, keyframes: KeyframeConfig) -> None:
         by_image = config.believes
-        self._similarity, self._blank = similarity, blank_descriptor(config.encoding)
-        self._standstill = Standstill(config.motion, by_image, similarity)
-        self._overlap = Overlap(config.encoding.saliency_threshold, config.matching.kernel)
+        self._blank = blank_descriptor(config.encoding)
+        self._standstill = Standstill(config.motion, by_image)
+        self._overlap = Overlap(config.encoding.saliency_threshold)
         self._drops = FrameDropDetector(FRAME_DROPS.memory if by_image else 0)
-        self._keyframes, self._by_scene = keyframes, keyframes.keyframe_overlap < 1.0
+        self._keyframes, self._most = keyframes, keyframes.keyframe_overlap
+        self._by_scene = self._most < 1.0
         self._near_duplicate = NearDuplicate()
         self._interval_ns = round(KEYFRAME.earliest * keyframes.keyframe_interval_s * 1e9)
-        self._by_default: FrameGate | None = None  # counts scenes, if the spacing is another
-        if config.online.grows and keyframes.spacing != KeyframeConfig().spacing:
-            self._by_default = FrameGate(config, KeyframeConfig(), similarity)
-        self._scenes = Scenes()
         self.reset()
 
     def configure(self, config: Config) -> None:
@@ -68,8 +56,6 @@ class FrameGate:
         self._standstill.configure(config.motion)
 
     def reset(self) -> None:
-        if self._by_default:
-            self._by_default.reset()
         self._standstill.reset()
         self._drops.reset()
         self._near_duplicate.reset()
@@ -85,39 +71,12 @@ class FrameGate:
         gray: Gray | None = None,
     ) -> Verdict:
         """Return the verdict on the next frame; `encode` describes it if that is needed."""
-        if self._by_default is None:
-            verdict = self._check(stamp_ns, pose, encode, gray)
-            return replace(verdict, passed=self._scenes.passed)
-        encode_once = cache(encode)
-        verdict = self._check(stamp_ns, pose, encode_once, gray)
-        passed = self._by_default.check(stamp_ns, pose, encode_once, gray).passed
-        return replace(verdict, passed=passed)
-
-    def check_unreadable(self, stamp_ns: int, pose: Pose | None) -> int | None:
-        """
-        Return how many keyframes were dropped before a frame that cannot be read.
-
-        None if it is no keyframe: it comes early, near the last one, or the scene would decide.
-        """
-        if self._by_default:
-            self._by_default.check_unreadable(stamp_ns, pose)
-        self._drops.observe(stamp_ns)
-        if not self._is_due(stamp_ns, pose):
-            return None
-        if self._standstill.is_sure(pose, None):
-            self._drops.observe_keyframe()
-            return None
-        return None if self._by_scene else self._keyframe(stamp_ns, pose)
-
-    def _check(
-        self, stamp_ns: int, pose: Pose | None, encode: Callable[[], Descriptor], gray: Gray | None
-    ) -> Verdict:
         self._drops.observe(stamp_ns)
         if not self._is_due(stamp_ns, pose):
             return Verdict(Reason.BETWEEN_KEYFRAMES, self._blank)
         edges = None if gray is None else glance(gray)
-        still = self._standstill.is_sure(pose, edges)
-        # With scene spacing, standstill only names the reason.
+        still = self._standstill.check(pose, edges)
+        # With scene spacing, standstill by the image only names the reason.
         if still and not (self._by_scene and self._standstill.needs_image(pose)):
             return self._not_keyframe(still, pose, edges, self._blank)
         if self._by_scene and self._near_duplicate.is_sure(edges):
@@ -126,19 +85,28 @@ class FrameGate:
         if self._by_scene:  # else uninformative frames are keyframes, too
             if not descriptor.informative:
                 return Verdict(Reason.UNINFORMATIVE, descriptor)
-            most, last = self._keyframes.keyframe_overlap, self._scene
-            if last is not None and self._overlap(descriptor, last, most) > most:
-                self._near_duplicate.note(edges, True)
+            last = self._scene
+            is_near = last is not None and self._overlap(descriptor, last) > self._most
+            self._near_duplicate.note(edges, is_near)
+            if is_near:
                 return self._not_keyframe(still, pose, edges, descriptor)
-        # In the dark, noise alone may leave little overlap: compare the frames for standstill.
-        unchanged = self._standstill.check(descriptor, pose, edges)
-        self._near_duplicate.note(edges, unchanged)
-        if unchanged:
-            return self._not_keyframe(still or not self._by_scene, pose, edges, descriptor)
-        if self._by_scene:
             self._scene = descriptor
-        self._scenes.count(edges)
-        return Verdict(None, descriptor, self._keyframe(stamp_ns, pose))
+        self._standstill.note(pose, edges)
+        return Verdict(None, descriptor, self._keyframe(stamp_ns, pose), edges)
+
+    def check_unreadable(self, stamp_ns: int, pose: Pose | None) -> int | None:
+        """
+        Return how many keyframes were dropped before a frame that cannot be read.
+
+        None if it is no keyframe: it comes early, near the last one, or the scene would decide.
+        """
+        self._drops.observe(stamp_ns)
+        if not self._is_due(stamp_ns, pose):
+            return None
+        if self._standstill.check(pose, None):
+            self._drops.observe_keyframe()
+            return None
+        return None if self._by_scene else self._keyframe(stamp_ns, pose)
 
     def _keyframe(self, stamp_ns: int, pose: Pose | None) -> int:
         """Note that a frame is a keyframe; return how many were dropped before it."""
@@ -152,7 +120,7 @@ class FrameGate:
         if still:
             self._drops.observe_keyframe()
             return Verdict(Reason.STATIONARY, descriptor)
-        self._standstill.note_passed(pose, edges)
+        self._standstill.note(pose, edges)
         return Verdict(Reason.BETWEEN_KEYFRAMES, descriptor)
 
     def _is_due(self, stamp_ns: int, pose: Pose | None) -> bool:

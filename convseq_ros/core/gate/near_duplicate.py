@@ -1,25 +1,17 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The near-duplicate test: compares the edges of small copies of images, their glances."""
+"""The near-duplicate test: compares glances."""
 
 from collections import deque
 
-from convseq_ros.core.types import constants, Floats, Gray
-import cv2
-import numpy as np
-
-Glance = Floats  # (2, 48, 64), normalised to length 1, hence the same in dimmer light
-
-_AREA = cv2.INTER_AREA  # each pixel is the mean of the pixels that it covers
+from convseq_ros.core.encoding.glance import distance, Glance
+from convseq_ros.core.types import constants
 
 
 @constants
-class GLANCE:
+class NEAR:
     """Chosen on drawn drives at 30 frames per second, by day and night (docs/NOTES.md)."""
 
-    width_px: int = 64
-    height_px: int = 48
-    least_edge: float = 0.3  # smallest RMS of edges, in roots of a grey level, for a glance
     # Frames closer to the last keyframe than this share of the learned distance are near. With up
     # to 0.75, all keyframes of 11 drives at 1 to 8 m/s are those of the slower test; with 0.78,
     # one by night comes a frame late.
@@ -31,32 +23,6 @@ class GLANCE:
     # 320 x 240 px by up to .22. Keyframes are further apart: 98 % of those of laps, and all of 12
     # other drives.
     noise: float = 0.28
-    # Twice the largest distance in 262 pairs of images with an overlap of 98.5 %: with noise, 3 %
-    # to 100 % of the light, and shifts of up to 4 pixels.
-    moved: float = 0.7
-    still: float = 4.0  # largest distance of frames at standstill, times 1 - stationary_overlap
-
-
-def glance(gray: Gray) -> Glance | None:
-    """Return the edges of a small copy of an image (H, W); None if there are hardly any."""
-    size = width, height = GLANCE.width_px, GLANCE.height_px
-    # Halving is four times as fast as other reductions.
-    while min(gray.shape[0] // height, gray.shape[1] // width) >= 8 and not any(
-        side % 2 for side in gray.shape
-    ):
-        gray = cv2.resize(gray, (gray.shape[1] // 2, gray.shape[0] // 2), interpolation=_AREA)
-    small = np.sqrt(cv2.resize(gray, size, interpolation=_AREA), dtype=np.float32)
-    edges: Glance = np.stack([cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)])
-    length = float(np.linalg.norm(edges))
-    if length < GLANCE.least_edge * edges.size**0.5:
-        return None
-    edges /= length
-    return edges
-
-
-def distance(edges: Glance, other: Glance) -> float:
-    """Return the distance of two glances, in [0, 2]."""
-    return float(np.linalg.norm(edges - other))
 
 
 class NearDuplicate:
@@ -74,18 +40,18 @@ class NearDuplicate:
         self._last: Glance | None = None  # of the last far frame
         self._near: Glance | None = None  # of the furthest near frame since
         self._furthest = 0.0  # distance between these two
-        self._learned = deque[float](maxlen=GLANCE.memory)  # such distances, before far frames
+        self._learned = deque[float](maxlen=NEAR.memory)  # such distances, before far frames
 
     def is_sure(self, edges: Glance | None) -> bool:
         """Return whether the slower test would surely find a frame near."""
         if edges is None or self._last is None:
             return False
         away = distance(edges, self._last)
-        if away < max(self._most, GLANCE.noise):
+        if away < max(self._most, NEAR.noise):
             return True
         if self._near is None or away > self._furthest:
             return False
-        return distance(edges, self._near) < GLANCE.again
+        return distance(edges, self._near) < NEAR.again
 
     def note(self, edges: Glance | None, is_near: bool) -> None:
         """Take in a result of the slower test; a far frame becomes the new reference."""
@@ -102,4 +68,4 @@ class NearDuplicate:
     @property
     def _most(self) -> float:
         """The distance below which frames are near; 0 before any is learned."""
-        return GLANCE.share * min(self._learned, default=0.0)
+        return NEAR.share * min(self._learned, default=0.0)

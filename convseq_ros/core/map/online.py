@@ -6,9 +6,11 @@ from bisect import bisect_left
 
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.first_stage import vector_of
+from convseq_ros.core.encoding.glance import Glance
 from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.pruning import Pruning, STRETCH
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.scenes import Scenes
 from convseq_ros.core.types import constants, Descriptor, Frame, Match, Reason
 
 _RECOGNISED = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
@@ -34,8 +36,8 @@ def link(links: Links, place: int, match: Match | None) -> None:
 class RECENT:
     """Which places of the running drive are too recent to be matched."""
 
-    # Keyframes by the default spacing (scenes) that the drive must be past a place, so laps of 5 s
-    # and of 5 h are the same. Drives that never return have no match with 20; 40 is no safer.
+    # Scenes that the drive must be past a place, so laps of 5 s and of 5 h are the same. Drives
+    # that never return have no match with 20; 40 is no safer.
     keyframes: int = 20
 
 
@@ -58,8 +60,8 @@ class PreloadedMap:
         """How many places, from the first, may be matched."""
         return len(self._map)
 
-    def follow(self, passed: int) -> None:
-        """Take in how many scenes the drive has passed (`Verdict.passed`)."""
+    def follow(self, edges: Glance | None) -> None:
+        """Take in the glance of the next keyframe, if it has one."""
 
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
         """Add nothing."""
@@ -98,7 +100,7 @@ class OnlineMap(PreloadedMap):
         """Begin a session by the index of its first place; all places before may be matched."""
         self.reset()
         self.session_start = self._usable = self._first = start
-        self._passed, self._passed_at = 0, list[int]()  # scenes: so far, and at each place
+        self._scenes, self._passed_at = Scenes(), list[int]()  # so far, and at each place
 
     def reset(self) -> None:
         """Begin a new session; places of the last one stay recent, as the robot goes on."""
@@ -110,9 +112,9 @@ class OnlineMap(PreloadedMap):
         """How many places, from the first, are old enough to be matched."""
         return self._usable
 
-    def follow(self, passed: int) -> None:
-        """Take in how many scenes the drive has passed (`Verdict.passed`)."""
-        self._passed, oldest = passed, passed - RECENT.keyframes
+    def follow(self, edges: Glance | None) -> None:
+        self._scenes.count(edges)
+        oldest = self._scenes.passed - RECENT.keyframes
         self._usable = self._first + bisect_left(self._passed_at, oldest)
 
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
@@ -129,7 +131,7 @@ class OnlineMap(PreloadedMap):
         if len(self._map) == self.session_start:
             self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
         self._map.add_frame(frame, descriptor, *self._kept)
-        self._passed_at.append(self._passed)
+        self._passed_at.append(self._scenes.passed)
         link(self._map.links, len(self._map) - 1, _match)
 
     def freeze(self) -> None:
@@ -162,7 +164,7 @@ class FollowedMap(PreloadedMap):
         """How many places the leader may match."""
         return self._leader.usable
 
-    def follow(self, _passed: int) -> None:
+    def follow(self, _edges: Glance | None) -> None:
         """Follow the leader's session; it counts the scenes itself."""
         self.session_start = self._leader.session_start
 

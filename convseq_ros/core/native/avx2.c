@@ -10,13 +10,11 @@
 #include "vectors.h"
 
 // Add products of a query's bytes with a reference's in pairs, in 16 bits. One operand must be
-// unsigned: the reference, if none of its bytes is negative.
-static inline Words add_twos(Words sum, Words reference, Words query, int are_positive)
+// unsigned.
+static inline Words add_twos(Words sum, Words reference, Words query)
 {
-    if (!are_positive) {
-        query = (Words)_mm256_sign_epi8((__m256i)query, (__m256i)reference);
-        reference = (Words)_mm256_abs_epi8((__m256i)reference);
-    }
+    query = (Words)_mm256_sign_epi8((__m256i)query, (__m256i)reference);
+    reference = (Words)_mm256_abs_epi8((__m256i)reference);
     __m256i twos = _mm256_maddubs_epi16((__m256i)reference, (__m256i)query);
     sum = (Words)_mm256_add_epi16((__m256i)sum, twos);
     __asm__("" : REGISTER(sum)); // else the compiler adds later, and runs out of registers
@@ -35,7 +33,7 @@ static inline Sums begun(const int32_t *start) { return (void)start, splat(0); }
 static inline Words whole(Sums sum) { return added(sum, 1); }
 static inline Sums add_fours(Sums sum, Words one, Words other)
 {
-    return add_twos(sum, one, other, 0);
+    return add_twos(sum, one, other);
 }
 
 #include "kernels.h"

@@ -23,7 +23,6 @@ static inline Sums add_fours(Sums sum, Words one, Words other)
 #include "../encoding/kernels.c"
 #include "../similarity/kernels/tile.c"
 #include "../similarity/kernels/coherent.c"
-#include "../similarity/kernels/regional.c"
 #include "../similarity/kernels/references.c"
 #include "../retrieval/kernels.c"
 #include "../geometry/kernels.c"

@@ -34,7 +34,7 @@ class Background:
     The backgrounds of a map, `of_map` (N, 32), and of the drive that is matched with it.
 
     It is the mean of up to 256 evenly spread places, computed again whenever the map has doubled.
-    A map of fewer than 20 places has none. `normalize` and `project` are those of a `PairScore`;
+    A map of fewer than 20 places has none. `normalize` and `project` are those of a kernel;
     without them nothing is subtracted, and cells are not normalised.
     """
 

@@ -16,14 +16,17 @@ from math import isqrt
 from typing import Any
 
 from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, Regions, thinned
-from convseq_ros.core.similarity.pair_score import Foreground, PairScore, Scores
+from convseq_ros.core.map.place import Packed, unpack_cells
 from convseq_ros.core.types import constants, Descriptor, Doubles, Floats, Indices
 import cv2
 import numpy as np
 
-# Scores (n,) in [0, 1], shifts (n, 2) in cells, and global similarities (n,) if they are known.
+Scores = tuple[Floats, Doubles]  # (n,) in [0, 1], and shifts (n, 2), rows and columns in cells
+# Scores, shifts, and global similarities (n,) if they are known.
 Compared = tuple[Floats, Doubles, Floats | None]
 Blocks = Floats  # (L,): B x B blocks of 32 numbers in a vector
+# Regions (N, 32) less the background, and their blocks; None without a background.
+Foreground = tuple[Regions, Blocks | None]
 Wide = Floats  # (B, B + 2 M, 32), a query's blocks, padded so that it can be shifted by M
 
 
@@ -110,15 +113,17 @@ def extract(
     return CoherentQuery(thinned(regions, step)[index], index, -(-len(entropy) // step))
 
 
-class CoherentPair(PairScore):
+class CoherentPair:
     """
-    The `coherent_score` of a kernel, reduced if the global similarity is low.
+    A kernel: its features of queries and references, and their scores.
 
-    With a background, the score is multiplied by (1 + global similarity) / 2. Rough scores use
-    every second row and column of regions, without global similarity. Subclasses lay out queries
-    and references, and compare them.
+    A score is the `coherent_score`; with a background, it is multiplied by
+    (1 + global similarity) / 2. Rough scores use every second row and column of regions, without
+    global similarity. Subclasses lay out queries and references, and compare them.
     """
 
+    name: str
+    # The steps from cells to normalised cells, to regions, and to regions less a background.
     normalize: Callable[[Cells], Cells]
     project: Callable[..., Regions]
     subtract: Callable[[Regions, Regions | None], Foreground]
@@ -127,14 +132,23 @@ class CoherentPair(PairScore):
     laid_out: Callable[[CoherentQuery], Any]
     packed: Callable[[Regions, Blocks | None], Any]
     scores: Callable[[Any, Wide | None, Sequence[Any]], Compared]
+    # From the features of a reference to its regions (N, 32), rounded to bytes.
+    regions_of: Callable[[Any], Regions]
     step = 1  # every `step`-th row and column of regions is compared
 
-    def __init__(self, name: str, exact: bool) -> None:
-        self.name, self.exact = name, exact
-        self.rough = copy(self)
+    def __init__(self) -> None:
+        self.rough = copy(self)  # the kernel of rough scores, for 1/16 of the work
         self.rough.step = COHERENT.rough_step
 
-    def extract(self, query: Descriptor, least_bits: float, regions: Foreground | None) -> Any:
+    def extract(
+        self, query: Descriptor, least_bits: float, regions: Foreground | None = None
+    ) -> Any:
+        """
+        Return the features of a query; None if it is not informative.
+
+        A region is salient from `least_bits` of entropy on. `regions` are all of its regions, if
+        computed.
+        """
         whole, blocks = regions or (self.project(query.cells, 1), None)
         if (salient := extract(query, least_bits, whole, self.step)) is None:
             return None
@@ -142,13 +156,21 @@ class CoherentPair(PairScore):
         return self.laid_out(salient), wide
 
     def prepare(self, cells: Cells, background: Regions | None) -> Any:
+        """Return the features of a reference, given its map's background."""
         behind = None if background is None else thinned(background, self.step)
         regions, blocks = self.subtract(self.project(cells, self.step), behind)
         return self.packed(regions, blocks if self.step == 1 else None)
 
-    def compare(
-        self, query: Any, references: Sequence[Any], _limit: float | None = None
-    ) -> Scores:
+    def prepare_packed(
+        self, packed: Sequence[Packed], normalizes: bool, background: Regions | None
+    ) -> list[Any]:
+        """Return the features of references from their packed cells; None for blank ones."""
+        normalize = self.normalize if normalizes else lambda cells: cells
+        every = map(unpack_cells, packed)
+        return [self.prepare(normalize(it), background) if it.any() else None for it in every]
+
+    def compare(self, query: Any, references: Sequence[Any]) -> Scores:
+        """Return the scores and shifts of a query and n references."""
         packed, wide = query
         shares, shifts, similar = self.scores(packed, wide, references)
         return (shares if similar is None else shares * (0.5 + 0.5 * similar)), shifts

@@ -9,7 +9,7 @@ from typing import Any
 
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
-from convseq_ros.core.similarity.pair_score import PairScore
+from convseq_ros.core.similarity.coherent import CoherentPair
 from convseq_ros.core.similarity.threads import Threads
 from convseq_ros.core.types import Indices, Row, Shift
 import numpy as np
@@ -22,7 +22,7 @@ class FeatureCache:
     """Computes a kernel's features of references; keeps all, or the `_most` recently used."""
 
     _map: ReferenceMap
-    pair: PairScore
+    pair: CoherentPair
     _background: Background
     _threads: Threads
     _most: int | None
@@ -63,7 +63,7 @@ class FeatureCache:
             if kept:
                 scores, shifts = self.pair.compare(query, [references[at] for at in kept])
                 results[request][kept] = scores
-                if query is self._query and shifts is not None:
+                if query is self._query:
                     indices = requests[request][1][kept].tolist()
                     self._shifts.update(zip(indices, map(tuple, shifts.tolist()), strict=True))
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The matcher: pair scores of queries with the references of a map (paper III-D)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache, partial
+from functools import lru_cache, partial
 from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
@@ -16,7 +16,7 @@ from convseq_ros.core.geometry.verification import field, motion, NOTHING, Verif
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.feature_cache import FeatureCache
-from convseq_ros.core.similarity.kernels import chosen_kernels
+from convseq_ros.core.similarity.kernels import coherent_kernel
 from convseq_ros.core.similarity.threads import Threads, usable_cores
 from convseq_ros.core.types import Descriptor, Indices, Row, Shift
 from convseq_ros.errors import ConfigError
@@ -26,7 +26,6 @@ import numpy.typing as npt
 _MOST_THREADS = 2  # by default; more gain little, and the SLAM back end needs cores
 _KEPT = 500  # references whose features are cached with `search: shortlist`; 22 MB
 _ROUGH = 8  # multiple of this number for rough features; 30 MB
-_KEPT_TO_RESCORE = 64  # references whose features of the exact kernel are cached
 _KEPT_TO_VERIFY = 64  # references whose regions are cached for the geometry; 2 MB
 
 
@@ -34,8 +33,7 @@ _KEPT_TO_VERIFY = 64  # references whose regions are cached for the geometry; 2 
 class Features:
     """The features of a query."""
 
-    approximate: Any  # fast features
-    exact: Callable[[], Any]  # returns those for an exact kernel, made at the first call
+    scored: Any  # for pair scores
     packed: PackedRegions | None = None  # for the geometry
     rough: Any = None  # for rough scores
 
@@ -44,9 +42,8 @@ class Matcher:
     """
     Scores queries against the references of a map, which may grow.
 
-    Features of `kept` references stay in memory, by default of all: 43 kB each with the 8-bit
-    kernel, about 130 kB with others. Rough features, a sixth in size, are kept of 8 times as many.
-    ConfigError if the machine cannot run the configured kernel.
+    Features of `kept` references stay in memory, by default of all: 43 kB each. Rough features, a
+    sixth in size, are kept of 8 times as many.
     """
 
     def __init__(
@@ -56,24 +53,18 @@ class Matcher:
         saliency_threshold: float,
         kept: int | None = None,
     ) -> None:
-        fast, exact = chosen_kernels(matching)
-        # Name of the kernel; whether its scores are those of the definition to 1e-6.
-        self.kernel, self.exact = fast.name, fast.exact
+        pair = coherent_kernel()
+        self.kernel = pair.name
         self._map, self._keeps_all = reference_map, kept is None
         self._least_bits = saliency_threshold * ENTROPY.max_bits
         usable = min(usable_cores(), _MOST_THREADS)
-        subtracted = (exact.normalize, exact.project) if matching.subtract_background else ()
+        subtracted = (pair.normalize, pair.project) if matching.subtract_background else ()
         self._background = Background(reference_map, *subtracted)
         shared = self._background, Threads((matching.threads or usable) - 1)
-        self._fast = self._exact = FeatureCache(reference_map, fast, *shared, kept)
-        if exact is not fast:
-            self._exact = FeatureCache(reference_map, exact, *shared, _KEPT_TO_RESCORE)
-        self._rough: FeatureCache | None = None
-        if fast.rough:
-            rough_count = kept and _ROUGH * kept
-            self._rough = FeatureCache(reference_map, fast.rough, *shared, rough_count)
+        self._features = FeatureCache(reference_map, pair, *shared, kept)
+        self._rough = FeatureCache(reference_map, pair.rough, *shared, kept and _ROUGH * kept)
         # Not a bound method: without a reference cycle, an unused map is freed at once.
-        self._kept_packed = lru_cache(_KEPT_TO_VERIFY)(partial(_packed, self._fast))
+        self._kept_packed = lru_cache(_KEPT_TO_VERIFY)(partial(_packed, self._features))
 
     def reset(self) -> None:
         self._background.reset()
@@ -81,18 +72,13 @@ class Matcher:
     def extract(self, descriptor: Descriptor) -> Features | None:
         """Return the features of a query, or None if it is uninformative."""
         self._follow_map()
-        pair, regions = self._exact.pair, None
-        if pair.project and pair.subtract:
-            projected = pair.project(self._background.normalize(descriptor.cells))
-            regions = pair.subtract(projected, self._background.update(projected))
-        arguments = descriptor, self._least_bits, regions
-        if (fast := self._fast.pair.extract(*arguments)) is None:
+        pair = self._features.pair
+        projected = pair.project(self._background.normalize(descriptor.cells))
+        regions = pair.subtract(projected, self._background.update(projected))
+        given = descriptor, self._least_bits, regions
+        if (scored := pair.extract(*given)) is None:
             return None
-        exact = (lambda: fast) if self.exact else cache(partial(pair.extract, *arguments))
-        if not regions:
-            return Features(fast, exact)
-        rough = self._rough and self._rough.pair.extract(*arguments)
-        return Features(fast, exact, packed_regions(regions[0]), rough)
+        return Features(scored, packed_regions(regions[0]), pair.rough.extract(*given))
 
     def packed(self, index: int) -> PackedRegions | None:
         """Return a reference's regions for the geometry; None if uninformative or without any."""
@@ -104,21 +90,17 @@ class Matcher:
 
         The score of an uninformative reference is NaN. All references are read together.
         """
-        return self._fast.scores_of([(query.approximate, indices) for query, indices in requests])
+        return self._features.scores_of([(query.scored, indices) for query, indices in requests])
 
     def rough_scores(self, query: Features, indices: Indices) -> Row | None:
-        """Return rough scores (n,), 16 times faster; None if the kernel has none."""
-        if query.rough is None or self._rough is None:
+        """Return rough scores (n,), 16 times faster; None if the query has none."""
+        if query.rough is None:
             return None
         return self._rough.scores_of([(query.rough, indices)])[0]
 
-    def exact_scores_of(self, requests: Sequence[tuple[Features, Indices]]) -> list[Row]:
-        """Return the pair scores as `scores_of` does, by the exact kernel."""
-        return self._exact.scores_of([(query.exact(), indices) for query, indices in requests])
-
     def shift(self, query: Features, index: int) -> Shift | None:
         """Return the shift from a query to a reference, rows and columns in cells, or None."""
-        return self._fast.shifts(query.approximate, [index])[0]
+        return self._features.shifts(query.scored, [index])[0]
 
     def field(self, query: Features, index: int, shift: Shift) -> npt.NDArray[np.float64]:
         """Return the displacements of a query's regions, (n, 5), as `verification.field` does."""
@@ -138,7 +120,7 @@ class Matcher:
         """Return the verification of a query with references, by index; empty without regions."""
         if query.packed is None:
             return {}
-        shifts = self._fast.shifts(query.approximate, indices)
+        shifts = self._features.shifts(query.scored, indices)
         rows = zip(indices, shifts, map(self.packed, indices), strict=True)
         usable = [row for row in rows if row[1] is not None and row[2] is not None]
         results = dict.fromkeys(indices, NOTHING)
@@ -151,40 +133,39 @@ class Matcher:
         """Make the features of all references, if all are kept, so that no frame is late."""
         self._follow_map()
         if self._keeps_all:
-            self._fast.of(range(len(self._map)))
+            self._features.of(range(len(self._map)))
 
     def _follow_map(self) -> None:
         if self._background.update_map():
-            for features in (self._fast, self._exact, self._rough):
-                if features:
-                    features.clear()
+            self._features.clear()
+            self._rough.clear()
             self._kept_packed.cache_clear()
 
 
 def _packed(features: FeatureCache, index: int) -> PackedRegions | None:
-    regions_of, (reference,) = features.pair.regions_of, features.of([index])
-    return packed_regions(regions_of(reference)) if regions_of and reference is not None else None
+    (reference,) = features.of([index])
+    return None if reference is None else packed_regions(features.pair.regions_of(reference))
 
 
 class DescriptorMatcher(Matcher):
     """Scores pairs by the cosine of their vectors, without cells, shifts or geometry."""
 
     def __init__(self, reference_map: ReferenceMap) -> None:
-        self.kernel, self.exact, self._map = 'cosine', True, reference_map
+        self.kernel, self._map = 'cosine', reference_map
 
     def reset(self) -> None: ...
 
     def extract(self, descriptor: Descriptor) -> Features | None:
         """Return the vector of a query at unit length, or None if it is zero."""
         vector = unit(vector_of(descriptor).astype(np.float32))
-        return Features(vector, lambda: vector) if vector.any() else None
+        return Features(vector) if vector.any() else None
 
     def scores_of(self, requests: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return the cosines of each query with its references, (n,); negative ones become 0."""
         scores = []
         for query, indices in requests:
             rows = unit(self._map.global_descriptors[indices].astype(np.float32))
-            scores.append(np.maximum(rows @ query.approximate, 0.0))
+            scores.append(np.maximum(rows @ query.scored, 0.0))
         return scores
 
     def shift(self, _query: Features, _index: int) -> Shift | None:

@@ -21,7 +21,7 @@ PLACES = 60
 STEP_NS = 10**8
 OWN = make_config({'image_size_px': 256, 'fixed_length': 4})
 ONLINE = with_values(OWN, {'mode': 'online'})
-RESTLESS = with_values(OWN, {'stationary_overlap': 1.0, 'stationary_m': 0.0})
+RESTLESS = with_values(OWN, {'stationary_glance': 0.0, 'stationary_m': 0.0})
 TWO = with_values(RESTLESS, {'fixed_length': 2})
 both_searches = pytest.mark.parametrize(
     'config',
@@ -343,17 +343,18 @@ def test_a_match_that_images_are_sure_of_says_how_far_odometry_denies_it(posed, 
 
 @pytest.mark.skipif(not available(), reason='needs compiled kernels')
 def test_decisions_and_inliers_are_those_without_compiled_kernels(street, drive, monkeypatch):
-    def answers(kernel):
-        config = with_values(OWN, {'search': 'exhaustive', 'kernel': kernel})
+    def answers():
+        config = with_values(OWN, {'search': 'exhaustive'})
         matches = drive(PlaceRecognizer(street, config), [*range(200, 205), *range(20, 32)])
         return [
             (match.reason, match.best and (match.best.reference_index, match.best.inliers))
             for match in matches
         ]
 
-    compiled = answers('float32')
-    monkeypatch.setattr('convseq_ros.core.compiled.available', lambda: False)
-    assert answers('numpy') == compiled
+    compiled = answers()
+    for room in ('compiled', 'similarity.kernels', 'retrieval.whitening'):
+        monkeypatch.setattr(f'convseq_ros.core.{room}.available', lambda: False)
+    assert answers() == compiled
 
 
 def test_a_wrong_link_causes_few_further_errors(image):

@@ -8,7 +8,6 @@ from convseq_ros.config import AcceptanceConfig, Config, SequenceConfig
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.paper.decider import decide_by_margin, PaperDecider
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
-from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Candidate, Frame, Reason
 import numpy as np
 import pytest
@@ -37,7 +36,7 @@ def decided(a_map, scores, config=RULE, length=3, lengths=None):
     sequence = replace(SequenceConfig(), fixed_length=length)
     config = replace(Config(), acceptance=config, sequence=sequence)
     query = Query(Frame(0, None), None, buffer, len(scores), 0, config)
-    return PaperDecider(whole, AllPlaces(), PaperSimilarity(), Config()).decide(query), buffer
+    return PaperDecider(whole, AllPlaces(), Config()).decide(query), buffer
 
 
 def test_candidates_come_best_first_without_neighbours(a_map):

@@ -5,9 +5,9 @@
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.decision.decider import Answer, candidate, Decider, distinct_peaks, Query
 from convseq_ros.core.decision.paper.length import choose_length
+from convseq_ros.core.decision.paper.pair_score import PaperSimilarity
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
-from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Candidates, Doubles, Flags, Indices, Reason
 import numpy as np
 
@@ -24,14 +24,8 @@ class PaperDecider(Decider):
 
     """
 
-    def __init__(
-        self,
-        reference_map: ReferenceMap,
-        coarse: AllPlaces,
-        similarity: PaperSimilarity,
-        config: Config,
-    ) -> None:
-        self._map, self._coarse, self._similarity = reference_map, coarse, similarity
+    def __init__(self, reference_map: ReferenceMap, coarse: AllPlaces, config: Config) -> None:
+        self._map, self._coarse, self._similarity = reference_map, coarse, PaperSimilarity()
         self._listed = config.matching.shortlist_length
         self._shares_regions = config.sequence.sequence_regions == 'newest'
 

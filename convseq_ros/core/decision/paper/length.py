@@ -11,7 +11,7 @@ from convseq_ros.core.types import Descriptor
 
 def choose_length(
     outward: Sequence[Descriptor],
-    similarity: Callable[[Descriptor, Descriptor, float], float],
+    similarity: Callable[[Descriptor, Descriptor], float],
     config: SequenceConfig,
 ) -> int | None:
     """
@@ -19,7 +19,7 @@ def choose_length(
 
     `outward` starts with the anchor, which is informative. The sequence grows while its outermost
     frame overlaps the anchor (little information gain), by their pair score in [0, 1]; then while
-    its mean entropy is too small. `similarity` also gets the threshold of its comparison.
+    its mean entropy is too small.
 
     Notes
     -----
@@ -27,14 +27,13 @@ def choose_length(
     `similarity >= overlap_threshold` extends the sequence; (2) the shortest chosen length is 2;
     (3) online, the anchor is the newest frame and the sequence extends into the past (the paper's
     anchor is the oldest frame and needs up to 24 future ones); (4) uninformative frames are
-    ignored; (5) the pair score may be of part of the regions, if these show on which side of the
-    threshold it lies (`PaperSimilarity`).
+    ignored.
 
     """
 
     def overlaps(length: int) -> bool:
         other, least = outward[length - 1], config.overlap_threshold
-        return not other.informative or similarity(outward[0], other, least) >= least
+        return not other.informative or similarity(outward[0], other) >= least
 
     available, length = len(outward), config.fixed_length or config.min_length
     if not config.fixed_length:

@@ -3,7 +3,7 @@
 """The rolling buffer of query frames and their pair scores (III-A)."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from convseq_ros.core.decision.paper.diagonals import ONE_SESSION, sequence_scores, Values
 from convseq_ros.core.graph.session_bounds import SessionBounds
@@ -14,11 +14,9 @@ import numpy as np
 
 @constants
 class BUFFER:
-    """Limits of the buffer; engineering; only the error was measured."""
+    """Limits of the buffer; engineering."""
 
     longest_gap: int = 5  # missing frames; after more the buffer is emptied
-    most_rescored: int = 8  # sequences that are scored again by the exact kernel
-    error: float = 0.02  # of an approximate score; ten times the largest of single pairs
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +26,6 @@ class BufferedFrame:
     descriptor: Descriptor
     features: Features | None = None  # None if it is not informative
     row: Row | None = None  # pair scores (R,), NaN where not scored
-    rescored: set[int] = field(default_factory=set)  # references whose pair score is exact
     evidence: float = 0.0  # log ratio, at least 0, by which it speaks for the likeliest place
 
 
@@ -102,22 +99,7 @@ class QueryBuffer:
         return sum(len(missing) for _, missing in requests)
 
     def best_scores(self, length: int, ends: Indices) -> Values:
-        """Return `sequence_scores` (n,); up to 8 within 0.02 of the best are exact."""
-        scores = sequence_scores(self.rows[:length], ends=ends, bounds=self.bounds)
-        if self._matcher.exact:
-            return scores
-        best = np.argsort(-scores, kind='stable')[: BUFFER.most_rescored]
-        best = best[scores[best] >= scores.max(initial=-np.inf) - BUFFER.error]
-        frames = list(self._diagonals(length, ends[best]))
-        inexact = [
-            np.array([index for index in met.tolist() if index not in frame.rescored], np.int64)
-            for frame, _, _, met in frames
-        ]
-        requests = [(frame[1], indices) for frame, indices in zip(frames, inexact, strict=True)]
-        results = self._matcher.exact_scores_of(requests)
-        for (frame, _, row, _), indices, exact in zip(frames, inexact, results, strict=True):
-            row[indices] = exact
-            frame.rescored.update(indices.tolist())
+        """Return `sequence_scores` (n,)."""
         return sequence_scores(self.rows[:length], ends=ends, bounds=self.bounds)
 
     def note(self, row: Row, evidence: float) -> None:

@@ -82,10 +82,10 @@ static void vote(Pair *pair, double found[3])
     found[2] = peak_column - (double)(side - 1);
 }
 
-// Find the counterparts of a tile's rows, and update those of all columns, by bytes. A word holds a
+// Find the counterparts of a tile's rows, and update those of all columns. A word holds a
 // dot product and, in its low bits, row plus vector, so a single maximum finds both: in this loop
 // every instruction counts. Of equal products the last one is taken.
-static void match_bytes(Pair *pair, const void *query, const void *reference, intptr_t first)
+static void match(Pair *pair, const void *query, const void *reference, intptr_t first)
 {
     Words best[ROWS];
     for (int row = 0; row < ROWS; row++)
@@ -112,43 +112,8 @@ static void match_bytes(Pair *pair, const void *query, const void *reference, in
     }
 }
 
-// The same by floats; of equal products the first one is taken.
-static void match_floats(Pair *pair, const void *query, const void *reference, intptr_t first)
-{
-    Floats best[ROWS], *columns = (Floats *)pair->columns;
-    Words there[ROWS] = {0};
-    for (int row = 0; row < ROWS; row++)
-        best[row] = spread(-INFINITY);
-    for (intptr_t vector = 0; vector < pair->vectors; vector += 2) {
-        Floats dots[ROWS][2], highest[2] = {columns[vector], columns[vector + 1]};
-        Words rows[2] = {pair->back[vector], pair->back[vector + 1]};
-        float_dots((const float *)query + first * NUMBERS,
-                   (const float *)reference + vector * LANES * NUMBERS, dots);
-#pragma GCC unroll 16
-        for (int row = 0; row < ROWS; row++)
-#pragma GCC unroll 2
-            for (int half = 0; half < 2; half++) {
-                Words column = splat((int32_t)vector + half), own = splat((int32_t)first + row);
-                keep_larger(dots[row][half], column, best + row, there + row);
-                keep_larger(dots[row][half], own, highest + half, rows + half);
-            }
-        memcpy(columns + vector, highest, sizeof highest);
-        memcpy(pair->back + vector, rows, sizeof rows);
-    }
-    for (int row = 0; row < ROWS; row++) {
-        float highest = -INFINITY;
-        int32_t *found = pair->there + first + row;
-        for (int lane = 0; lane < LANES; lane++) {
-            int32_t region = there[row][lane] * LANES + lane;
-            if (best[row][lane] > highest || (best[row][lane] == highest && region < *found))
-                highest = best[row][lane], *found = region;
-        }
-    }
-}
-
-// Write score and shift, [several][3], of a query and each reference: by bytes, whose products are
-// exact, if the initial values of sums are given, else by floats. The rest is as in `Pair`; start,
-// end and labels are padded to full tiles.
+// Write score and shift, [several][3], of a query and each reference, by bytes, whose products are
+// exact. The rest is as in `Pair`; start, end and labels are padded to full tiles.
 KERNEL(compare)(const void *query, const int32_t *sums, const int32_t *start, intptr_t count,
                 intptr_t side, intptr_t width, const int32_t *end, const int32_t *labels,
                 const double *window, const void *const *references, intptr_t several,
@@ -159,10 +124,10 @@ KERNEL(compare)(const void *query, const int32_t *sums, const int32_t *start, in
     int ready = begin(&pair);
     for (intptr_t one = 0; one < several && ready; one++) {
         for (intptr_t vector = 0; vector < pair.vectors; vector++)
-            pair.columns[vector] = sums ? splat(INT32_MIN) : (Words)spread(-INFINITY);
+            pair.columns[vector] = splat(INT32_MIN);
         for (intptr_t first = 0; first < count; first += ROWS)
-            (sums ? match_bytes : match_floats)(&pair, query, references[one], first);
-        for (intptr_t vector = 0; vector < pair.vectors && sums; vector++)
+            match(&pair, query, references[one], first);
+        for (intptr_t vector = 0; vector < pair.vectors; vector++)
             pair.back[vector] = (pair.columns[vector] & LABEL) - (int32_t)vector;
         vote(&pair, found[one]);
     }

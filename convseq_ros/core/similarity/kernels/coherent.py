@@ -18,6 +18,7 @@ from convseq_ros.core.similarity.coherent import (
     CoherentPair,
     CoherentQuery,
     Compared,
+    Foreground,
     from_products,
     GLOBAL_SIMILARITY,
     lengths,
@@ -35,11 +36,11 @@ from convseq_ros.core.similarity.kernels.panels import (
     ROWS,
     tiled,
 )
-from convseq_ros.core.similarity.pair_score import Foreground
 from convseq_ros.core.types import Floats
 import numpy as np
 import numpy.typing as npt
 
+_SCALE = REGION.byte_scale
 _MARGIN = 8  # of a grid of votes, as in coherent.c
 _BYTES, _WORDS, _FLOATS, _ADDRESSES = Array('i1'), Array('i4'), Array('f4'), Array('u8')
 _normalize = kernel('normalize', _FLOATS, SIZE, FLOAT, FLOAT, DOUBLE, _FLOATS)
@@ -52,11 +53,10 @@ _prepare = kernel(
 _lateral_products = kernel(
     'lateral_products', _FLOATS, SIZE, SIZE, _ADDRESSES, SIZE, SIZE, Array('f8')
 )
-_of_coherent = (
-    _WORDS, _WORDS, SIZE, SIZE, SIZE, _WORDS, _WORDS, Array('f8'), _ADDRESSES, SIZE, Array('f8'),
+_compare = kernel(
+    'compare', _BYTES, _WORDS, _WORDS, SIZE, SIZE, SIZE, _WORDS, _WORDS, Array('f8'), _ADDRESSES,
+    SIZE, Array('f8'),
 )  # fmt: skip
-# For bytes, and for floats.
-_COMPARE = [kernel('compare', each, *_of_coherent) for each in (_BYTES, _FLOATS)]
 
 
 def normalized(cells: Cells) -> Cells:
@@ -79,7 +79,7 @@ def less_background(regions: Regions, background: Regions | None) -> Foreground:
 
 @dataclass(frozen=True, slots=True)
 class _Reference:
-    """The regions of a reference, as bytes or floats, followed by its blocks."""
+    """The regions of a reference, as bytes, followed by its blocks."""
 
     panel: Panel
     address: int  # of the panel
@@ -89,23 +89,23 @@ class _Reference:
 
 
 class CompiledCoherent(CoherentPair):
-    """The kernel `float32`, exact to 1e-6, or `int8`, to 0.01."""
+    """The definition's scores, compiled."""
 
     normalize = staticmethod(normalized)
     project = staticmethod(project)
     subtract = staticmethod(less_background)
 
-    def __init__(self, name: str) -> None:
-        self._scale = REGION.byte_scale if name == 'int8' else 0.0
-        super().__init__(f'{name} {library().variant}', not self._scale)
+    def __init__(self) -> None:
+        super().__init__()
+        self.name = self.rough.name = library().variant
 
     def laid_out(self, query: CoherentQuery) -> tuple[Any, ...]:
         # In the order of `compare`: the positions in a grid of votes follow the regions.
         start = _grid(query.side)[1][tiled(query.index, ROWS)]
-        return *query_panel(query.regions, self._scale), start, len(query.index), query.side
+        return *query_panel(query.regions, _SCALE), start, len(query.index), query.side
 
     def packed(self, regions: Regions, blocks: Blocks | None) -> _Reference:
-        tiles = reference_panel(regions, self._scale)
+        tiles = reference_panel(regions, _SCALE)
         behind = np.zeros(0, np.float32) if blocks is None else blocks
         panel = empty_panel(tiles.nbytes + behind.nbytes)
         np.concatenate([part.view(np.uint8).ravel() for part in (tiles, behind)], out=panel)
@@ -117,8 +117,7 @@ class CompiledCoherent(CoherentPair):
     ) -> list[_Reference | None]:
         size, has_gradient, weights = len(packed[0]), np.empty(len(packed), np.int8), NORMALIZATION
         side, block, behind = regions_in_a_row(size, self.step), 0, 0
-        count, each = side**2, REGION.numbers * (1 if self._scale else 4)
-        room = rounded_up(count, COLUMNS) * each
+        room = rounded_up(count := side**2, COLUMNS) * REGION.numbers
         if background is not None:
             background = np.ascontiguousarray(thinned(background, self.step), np.float32)
             if self.step == 1:
@@ -129,30 +128,22 @@ class CompiledCoherent(CoherentPair):
         _prepare(
             addresses_of(cells), len(packed), size, self.step, PACKED_UNIT, weights.middle,
             weights.side, weights.saturation if normalizes else 0.0, *axes(), background, block,
-            self._scale, room, addresses_of(panels), has_gradient,
+            _SCALE, room, addresses_of(panels), has_gradient,
         )  # fmt: skip
         references: list[_Reference | None] = []
         for panel, is_kept in zip(panels, has_gradient, strict=True):
             if not is_kept:
                 references.append(None)
                 continue
-            if not self._scale:
-                floats = panel[:room].view(np.float32)
-                regions = floats[: count * REGION.numbers].reshape(-1, REGION.numbers).copy()
-                floats[:] = reference_panel(regions, 0.0)
             length = float(lengths(panel[room:].view(np.float32)))
             begin = room // 4 if behind else 0
             references.append(_Reference(panel, address(panel), count, begin, length))
         return references
 
     def regions_of(self, reference: _Reference) -> Regions:
-        """Return the regions (N, 32) of a reference; with bytes, rounded to these."""
         panel, count = reference.panel[: 4 * reference.blocks or None], reference.count
-        if not self._scale:
-            blocks = panel.view(np.float32).reshape(-1, REGION.numbers, COLUMNS).swapaxes(1, 2)
-            return blocks.reshape(-1, REGION.numbers)[:count]
         regions = np.empty((count, REGION.numbers), np.float32)
-        _unpack_reference(panel.view(np.int8), count, 1 / self._scale, regions)
+        _unpack_reference(panel.view(np.int8), count, 1 / _SCALE, regions)
         return regions
 
     def scores(
@@ -160,10 +151,9 @@ class CompiledCoherent(CoherentPair):
     ) -> Compared:
         results = np.empty((len(references), 3))
         addresses = np.array([reference.address for reference in references], np.uint64)
-        _, sums, *_, side = query
+        side = query[-1]
         half = WINDOWS[self.step][COHERENT.reach_cells :]
-        compare = _COMPARE[sums is None]
-        compare(*query, *_grid(side), half, addresses, len(references), results)
+        _compare(*query, *_grid(side), half, addresses, len(references), results)
         similarities = None if wide is None else _similarities(wide, references, addresses)
         return results[:, 0].astype(np.float32), results[:, 1:], similarities
 

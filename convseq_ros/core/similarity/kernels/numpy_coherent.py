@@ -1,25 +1,29 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coherent pair scores by NumPy and OpenCV: the definition, and the fallback without C."""
+"""Coherent pair scores by NumPy and OpenCV: the definition, which also runs without C."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 
-from convseq_ros.core.encoding.regions import Cells, projected_regions, Regions, unit
+from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, Regions, unit
 from convseq_ros.core.similarity.coherent import (
     Blocks,
     COHERENT,
     CoherentPair,
     CoherentQuery,
     Compared,
+    Foreground,
     global_similarity,
     region_blocks,
     Wide,
 )
-from convseq_ros.core.similarity.pair_score import Foreground
 from convseq_ros.core.types import constants, Doubles, Indices, Shift
 import cv2
 import numpy as np
+import numpy.typing as npt
+
+_Reference = tuple[npt.NDArray[np.int8], Blocks | None]  # regions (N, 32) and their blocks
 
 
 @constants
@@ -54,6 +58,11 @@ def less_background(regions: Regions, background: Regions | None) -> Foreground:
     return foreground, region_blocks(foreground)
 
 
+def in_bytes(regions: Regions) -> npt.NDArray[np.int8]:
+    """Return regions (N, 32), rounded to bytes: their products are exact in any order."""
+    return np.clip(np.rint(regions * np.float32(REGION.byte_scale)), -127, 127).astype(np.int8)
+
+
 def window(sigma_cells: float) -> Doubles:
     """Return the Gaussian (13,) of the votes, rounded so that all libraries agree."""
     cells = np.arange(-COHERENT.reach_cells, COHERENT.reach_cells + 1)
@@ -74,11 +83,14 @@ def coherent_score(
     reference (N, 32); every region of the reference votes for the shift from its best counterpart
     among the query's salient ones, with the same weight in total. Votes are summed with a
     Gaussian of 1.5 cells. The shift is rows and columns, in cells, from the query to the
-    reference; positive columns: things are further right in the reference.
+    reference; positive columns: things are further right in the reference. Of equal counterparts
+    the last one is taken.
     """
-    similarity = query.regions @ reference.T
+    # Backwards, since `argmax` returns the first of equals.
+    similarity = query.regions[::-1] @ reference[::-1].T
+    there = len(reference) - 1 - similarity.argmax(axis=1)[::-1]
     # Transposed first: argmax down the columns takes five times as long.
-    there, back = similarity.argmax(axis=1), cv2.transpose(similarity).argmax(axis=1)
+    back = len(query.regions) - 1 - cv2.transpose(similarity).argmax(axis=1)[::-1]
     votes = _votes(query.index, there, query.side)
     votes += _votes(query.index[back], slice(None), query.side) * (len(there) / len(back))
     peak = cv2.sepFilter2D(votes, -1, window, window, borderType=cv2.BORDER_CONSTANT)
@@ -103,25 +115,27 @@ def _grid(side: int) -> Indices:
 
 
 class NumpyCoherent(CoherentPair):
-    """The definition as a kernel."""
+    """The definition as a kernel; regions are rounded to bytes."""
 
+    name = 'numpy'
     normalize = staticmethod(normalized)
     project = staticmethod(projected_regions)
     subtract = staticmethod(less_background)
 
     def laid_out(self, query: CoherentQuery) -> CoherentQuery:
-        return query
+        return replace(query, regions=in_bytes(query.regions).astype(np.float32))
 
-    def packed(self, regions: Regions, blocks: Blocks | None) -> Foreground:
-        return regions, blocks
+    def packed(self, regions: Regions, blocks: Blocks | None) -> _Reference:
+        return in_bytes(regions), blocks
 
-    def regions_of(self, reference: Foreground) -> Regions:
-        return reference[0]
+    def regions_of(self, reference: _Reference) -> Regions:
+        return reference[0] * np.float32(1 / REGION.byte_scale)
 
     def scores(
-        self, query: CoherentQuery, wide: Wide | None, references: Sequence[Foreground]
+        self, query: CoherentQuery, wide: Wide | None, references: Sequence[_Reference]
     ) -> Compared:
-        scores = (coherent_score(query, regions, WINDOWS[self.step]) for regions, _ in references)
+        window = WINDOWS[self.step]
+        scores = (coherent_score(query, it.astype(np.float32), window) for it, _ in references)
         shares, shifts = zip(*scores, strict=True)
         results = np.array(shares, np.float32), np.array(shifts)
         blocks = [of_reference for _, of_reference in references]

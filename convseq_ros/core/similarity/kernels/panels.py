@@ -5,23 +5,18 @@
 from collections.abc import Sequence
 from typing import Any
 
-from convseq_ros.core.compiled import address, Array, FLOAT, INT, kernel, numbers, SIZE
+from convseq_ros.core.compiled import address, Array, FLOAT, kernel, numbers, SIZE
 from convseq_ros.core.encoding.regions import REGION, Regions
 import numpy as np
 import numpy.typing as npt
 
 Panel = npt.NDArray[Any]  # aligned to a cache line
-# A query, and the initial values of sums over its bytes; None if it has floats.
-Query = tuple[Panel, npt.NDArray[np.int32] | None]
+Query = tuple[Panel, npt.NDArray[np.int32]]  # its bytes, and the initial values of their sums
 
 _CACHE_LINE = 64  # bytes, of all processors with kernels
-# Subtracted from the bytes of references whose numbers are not negative: the paper's.
-PAPER_ORIGIN = 127
-_ORIGINS = 0, PAPER_ORIGIN
-# Regions of a query and of a reference in a tile; offsets that are added to a reference's bytes
-# for these origins.
-ROWS, COLUMNS, *_ADDED = numbers('shape', 4)
-_pack_reference = kernel('pack_reference', Array('f4'), SIZE, FLOAT, INT, Array('i1'))
+# Regions of a query and of a reference in a tile; what is added to a reference's bytes.
+ROWS, COLUMNS, _ADDED = numbers('shape', 3)
+_pack_reference = kernel('pack_reference', Array('f4'), SIZE, FLOAT, Array('i1'))
 
 
 def empty_panel(size_bytes: int) -> Panel:
@@ -36,25 +31,16 @@ def addresses_of(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
     return np.array([*map(address, arrays)], np.uint64)
 
 
-def query_panel(regions: Regions, scale: float, origin: int = 0) -> Query:
-    """Return a query's regions (G, 32) as scaled signed bytes, or as floats if the scale is 0."""
-    if not scale:
-        return tiled(regions, ROWS), None
+def query_panel(regions: Regions, scale: float) -> Query:
+    """Return a query's regions (G, 32) as scaled signed bytes."""
     rounded = np.clip(np.rint(tiled(regions, ROWS) * np.float32(scale)), -127, 127)
-    start = (origin - _ADDED[_ORIGINS.index(origin)]) * rounded.sum(axis=1)
-    return rounded.astype(np.int8), start.astype(np.int32)
+    return rounded.astype(np.int8), (-_ADDED * rounded.sum(axis=1)).astype(np.int32)
 
 
-def reference_panel(regions: Regions, scale: float, origin: int = 0) -> Panel:
-    """Return a reference's regions (N, 32) as scaled bytes, or as floats if the scale is 0."""
-    count = rounded_up(len(regions), COLUMNS) * REGION.numbers
-    if scale:
-        packed = empty_panel(count).view(np.int8)
-        _pack_reference(regions, len(regions), scale, origin, packed)
-        return packed
-    packed = empty_panel(4 * count).view(np.float32)
-    blocks = tiled(regions, COLUMNS).reshape(-1, COLUMNS, REGION.numbers)
-    packed.reshape(-1, REGION.numbers, COLUMNS)[:] = blocks.swapaxes(1, 2)
+def reference_panel(regions: Regions, scale: float) -> Panel:
+    """Return a reference's regions (N, 32) as scaled bytes."""
+    packed = empty_panel(rounded_up(len(regions), COLUMNS) * REGION.numbers).view(np.int8)
+    _pack_reference(regions, len(regions), scale, packed)
     return packed
 
 

@@ -71,8 +71,7 @@ KERNEL(subtract)(float *regions, const float *background, intptr_t side, intptr_
 // packed: cells [size][size][8] of each in half precision, to be multiplied by `unit`. They are
 // normalised (see there) if `typical` is not 0; the background is subtracted if there is one. A
 // panel has the regions of every `step`-th row and column in `room` bytes, followed by the sums of
-// blocks of all regions, if `block` and a background are given. With a scale of 0, regions are
-// floats in their original order; otherwise they are bytes.
+// blocks of all regions, if `block` and a background are given.
 KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, int step,
                 float unit, float middle, float beside, double typical, const float *axes,
                 const float *origin, const float *background, intptr_t block, float scale,
@@ -85,7 +84,7 @@ KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, 
     float *normal = cells + numbers;
     int failed = !cells;
     for (intptr_t one = 0; one < several && !failed; one++) {
-        float *regions = scale > 0 ? normal + numbers : (float *)panels[one];
+        float *regions = normal + numbers;
         uint16_t any = 0;
         for (intptr_t place = 0; place < numbers; place += LANES) {
             intptr_t first = place < numbers - LANES ? place : numbers - LANES;
@@ -103,8 +102,7 @@ KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, 
             memset(sums, 0, (size_t)(blocks * blocks * NUMBERS) * sizeof *sums);
         if (background)
             CALL(subtract)(regions, background, side, block, sums);
-        if (scale > 0)
-            CALL(pack_reference)(regions, count, scale, 0, panels[one]);
+        CALL(pack_reference)(regions, count, scale, panels[one]);
     }
     free(cells);
     return failed ? -1 : 0;

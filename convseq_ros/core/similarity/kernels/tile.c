@@ -7,14 +7,13 @@
 // [blocks][numbers / 4][2][4 * LANES] for bytes. Both are padded by repeating the last region.
 #ifdef SMALL_SUMS
 #define START(start) 0 // a reference's bytes have no offset
-#define ADDED(origin) (origin)
+#define ADDED 0
 #else
 #define START(start) (start)
-#define ADDED(origin) OFFSET
+#define ADDED OFFSET
 
-static inline Words add_twos(Words sum, Words reference, QueryStep query, int are_positive)
+static inline Words add_twos(Words sum, Words reference, QueryStep query)
 {
-    (void)are_positive;
     return dot(sum, reference, query);
 }
 #endif
@@ -23,7 +22,7 @@ static inline Words add_twos(Words sum, Words reference, QueryStep query, int ar
 // query's and a reference's bytes have a product below 2 ** 15, so all sums are below it, in any
 // order. `start`: initial values of sums, which compensate the offset of a reference's bytes.
 INLINE void raw_dots(const int8_t *query, const int8_t *block, const int32_t *start,
-                     int are_positive, Words sums[ROWS][2])
+                     Words sums[ROWS][2])
 {
     (void)start;
 #pragma GCC unroll 16
@@ -37,29 +36,17 @@ INLINE void raw_dots(const int8_t *query, const int8_t *block, const int32_t *st
 #pragma GCC unroll 16
         for (int row = 0; row < ROWS; row++) {
             QueryStep own = query_step(query + row * NUMBERS, step);
-            sums[row][0] = add_twos(sums[row][0], left, own, are_positive);
-            sums[row][1] = add_twos(sums[row][1], right, own, are_positive);
+            sums[row][0] = add_twos(sums[row][0], left, own);
+            sums[row][1] = add_twos(sums[row][1], right, own);
         }
     }
 }
 
-// The same for bytes that are not negative. Products are exact, so all processors agree.
-INLINE void byte_dots(const int8_t *query, const int8_t *block, const int32_t *start,
-                      Words sums[ROWS][2])
-{
-    raw_dots(query, block, start, 1, sums);
-#ifdef SMALL_SUMS
-#pragma GCC unroll 16
-    for (int row = 0; row < ROWS; row++)
-        sums[row][0] = added(sums[row][0], 1), sums[row][1] = added(sums[row][1], 1);
-#endif
-}
-
-// The same, with labels in the low bits; here bytes may be negative.
+// The same, with labels in the low bits.
 INLINE void labelled_dots(const int8_t *query, const int8_t *block, const int32_t *start,
                           const int32_t *labels, Words words[ROWS][2])
 {
-    raw_dots(query, block, start, 0, words);
+    raw_dots(query, block, start, words);
 #pragma GCC unroll 16
     for (int row = 0; row < ROWS; row++)
         for (int half = 0; half < 2; half++)
@@ -70,36 +57,16 @@ INLINE void labelled_dots(const int8_t *query, const int8_t *block, const int32_
 #endif
 }
 
-// Write dot products of floats; the order of sums is the same on all processors.
-INLINE void float_dots(const float *query, const float *block, Floats sums[ROWS][2])
-{
-#pragma GCC unroll 16
-    for (int row = 0; row < ROWS; row++)
-        sums[row][0] = sums[row][1] = spread(0);
-    for (int number = 0; number < NUMBERS; number++) {
-        Floats left = floats(block + number * COLUMNS);
-        Floats right = floats(block + number * COLUMNS + LANES);
-#pragma GCC unroll 16
-        for (int row = 0; row < ROWS; row++) {
-            Floats own = spread(query[row * NUMBERS + number]);
-            sums[row][0] = fused(left, own, sums[row][0]);
-            sums[row][1] = fused(right, own, sums[row][1]);
-        }
-    }
-}
-
 static inline intptr_t rounded_up(intptr_t count, intptr_t step)
 {
     return (count + step - 1) / step * step;
 }
 
-// Regions of a query and of a reference in a tile; the offset that is added to a reference's bytes,
-// for an origin of 0 and for an origin of 127.
-SHOWN const int32_t CALL(shape)[] = {ROWS, COLUMNS, ADDED(0), ADDED(127)};
+// Regions of a query and of a reference in a tile; the offset that is added to a reference's bytes.
+SHOWN const int32_t CALL(shape)[] = {ROWS, COLUMNS, ADDED};
 
-// Lay out the regions [count][32] of a reference as bytes less an origin, which sums compensate.
-KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int origin,
-                       int8_t *packed)
+// Lay out the regions [count][32] of a reference as bytes, with an offset that sums compensate.
+KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int8_t *packed)
 {
     for (intptr_t place = 0; place < rounded_up(count, COLUMNS); place++) {
         const float *own = regions + (place < count ? place : count - 1) * NUMBERS;
@@ -107,9 +74,9 @@ KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int or
         int half = place % COLUMNS / LANES, lane = place % LANES;
         int8_t bytes[NUMBERS];
         for (int number = 0; number < NUMBERS; number++) {
-            float whole = rintf(own[number] * scale) - (float)origin;
+            float whole = rintf(own[number] * scale);
             whole = whole > 127 ? 127 : whole < -127 ? -127 : whole;
-            bytes[number] = (int8_t)((int)whole + ADDED(origin));
+            bytes[number] = (int8_t)((int)whole + ADDED);
         }
         for (int four = 0; four < NUMBERS / 4; four++)
             for (int two = 0; two < 4; two += 2) // which lie beside each other in all layouts
@@ -127,7 +94,7 @@ KERNEL(unpack_reference)(const int8_t *packed, intptr_t count, float scale, floa
         const int8_t *own = packed + place / COLUMNS * COLUMNS * NUMBERS + half * 4 * LANES;
         for (int number = 0; number < NUMBERS; number++) {
             int8_t byte = own[number / 4 * 8 * LANES + byte_place(lane, number % 4)];
-            regions[place * NUMBERS + number] = scale * (float)(int8_t)(byte - ADDED(0));
+            regions[place * NUMBERS + number] = scale * (float)(int8_t)(byte - ADDED);
         }
     }
     return 0;
@@ -143,7 +110,7 @@ KERNEL(peak)(intptr_t loops, int32_t *found)
 #pragma GCC unroll 12
         for (int one = 0; one < 12; one++) {
             __asm__ volatile("" : REGISTER(reference)); // keeps every product
-            sums[one] = add_twos(sums[one], reference, query, 0);
+            sums[one] = add_twos(sums[one], reference, query);
         }
     for (int one = 1; one < 12; one++)
         sums[0] += sums[one];

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scenes that a drive has passed: keyframes that show something else, whatever the noise."""
 
-from convseq_ros.core.gate.near_duplicate import distance, GLANCE, Glance
+from convseq_ros.core.encoding.glance import distance, GLANCE, Glance
 
 
 class Scenes:
