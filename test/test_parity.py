@@ -135,7 +135,6 @@ def answers_of_the_node(recording, map_path, encoding, path, topics):
         stderr=subprocess.PIPE,
         text=True,
     )
-    part = path.with_name(path.name + '.part')
     try:
         for topic in topics or ['/image']:
             sender = 'convseq_ros.node.drive_sender', recording, '6', f'/camera:={topic}'
@@ -144,7 +143,7 @@ def answers_of_the_node(recording, map_path, encoding, path, topics):
             )
         deadline = 600
         expected = NUM_FRAMES * max(1, len(topics))
-        while len(part.read_text().splitlines()) <= expected and deadline:
+        while len(path.read_text().splitlines()) <= expected and deadline:
             deadline -= 1
             with pytest.raises(subprocess.TimeoutExpired):
                 node.wait(0.05)

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result table."""
 
-import threading
-from unittest.mock import Mock
+from pathlib import Path
 
 from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.types import (
@@ -20,7 +19,6 @@ from convseq_ros.evaluation.provenance import short
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.io.results import read_results, ResultWriter
 import numpy as np
-from programs import wait_for
 import pytest
 
 SURE = RelativePose(
@@ -55,14 +53,14 @@ def test_a_result_table_is_read_as_it_was_written(tmp_path):
     )
 
 
-def test_a_table_under_its_own_name_is_complete_and_an_error_loses_no_row(tmp_path):
+def test_a_row_is_in_the_file_once_it_is_written_and_an_error_loses_none(tmp_path):
     path = tmp_path / 'result.csv'
     path.write_text('older results')
     with pytest.raises(RuntimeError), ResultWriter(path, COLUMNS) as table:
         table.write(row(ACCEPTED, 1.0))
+        assert len(read_results(path)) == 1
         raise RuntimeError
-    assert path.read_text() == 'older results'
-    assert len(read_results(tmp_path / 'result.csv.part')) == 1
+    assert len(read_results(path)) == 1 and [*tmp_path.iterdir()] == [path]
 
 
 @pytest.mark.parametrize('content', [b'query_index\n\xff\n', b'query_index\n' + b'1' * 200_000])
@@ -72,66 +70,20 @@ def test_a_file_that_is_no_result_table_is_refused(tmp_path, content):
         read_results(tmp_path / 'result.csv')
 
 
-def test_rows_of_a_run_that_crashed_are_kept_whenever_it_starts_again(tmp_path):
+def test_tables_of_earlier_runs_are_kept_if_that_is_wanted(tmp_path):
     path = tmp_path / 'result.csv'
     for run in range(3):
-        table = ResultWriter(path, COLUMNS)
-        assert table.kept == (tmp_path / f'result.csv.{run}.part' if run else None)
-        for _ in range(run + 1):
-            table.write(row(ACCEPTED, 1.0))
-        table.abandon()
-    with ResultWriter(path, COLUMNS):
-        pass
-    kept = [tmp_path / f'result.csv.{number}.part' for number in (1, 2, 3)]
-    assert [len(read_results(one)) for one in kept] == [1, 2, 3]
-    assert sorted(tmp_path.iterdir()) == [path, *kept]
+        with ResultWriter(path, COLUMNS, keeps_earlier=True) as table:
+            for _ in range(run):
+                table.write(row(ACCEPTED, 1.0))
+    tables = [tmp_path / name for name in ('result.1.csv', 'result.2.csv', 'result.csv')]
+    assert [len(read_results(one)) for one in tables] == [0, 1, 2]
+    assert sorted(tmp_path.iterdir()) == tables
 
 
-@pytest.mark.parametrize('text', ['of the user', '\0' * 1000, 'caf\xe9'])
-def test_a_file_of_the_user_is_kept(tmp_path, text):
-    (tmp_path / 'result.csv.part').write_text(text, encoding='latin-1')
-    with ResultWriter(tmp_path / 'result.csv', COLUMNS) as table:
-        assert table.kept.read_text(encoding='latin-1') == text
-
-
-def test_two_programs_do_not_write_the_same_table(tmp_path):
-    path = tmp_path / 'result.csv'
-    with ResultWriter(path, COLUMNS) as table:
-        table.write(row(ACCEPTED, 1.0))
-        with pytest.raises(OSError, match=r'another program writes it.*result.csv.part'):
-            ResultWriter(path, COLUMNS)
-    assert len(read_results(path)) == 1
-
-
-def test_an_interruption_finds_no_lock_that_it_could_leave_behind(tmp_path, monkeypatch):
-    with ResultWriter(tmp_path / 'result.csv', COLUMNS) as table, monkeypatch.context() as patch:
-        patch.setattr(
-            threading.Condition, '__enter__', Mock(side_effect=RuntimeError('interrupted'))
-        )
-        table.write(row(ACCEPTED, 1.0))
-
-
-def test_a_row_is_synced_to_disk_though_no_row_follows(tmp_path, monkeypatch):
-    synced = []
-    monkeypatch.setattr('convseq_ros.io.results.os.fsync', lambda handle: synced.append(handle))
-    monkeypatch.setattr('convseq_ros.io.results._SYNC_EVERY_S', 0.001)
-    table = ResultWriter(tmp_path / 'result.csv', COLUMNS)
-    for count in (1, 2):
-        table.write(row(ACCEPTED, 1.0))
-        wait_for(lambda count=count: len(synced) >= count)
-    table.close()
-    assert len(synced) == 4  # and the table before it has its name, and its folder then
-
-
-def test_an_error_at_the_end_names_the_file(tmp_path, monkeypatch):
-    table = ResultWriter(tmp_path / 'result.csv', COLUMNS)
-    table.write(row(ACCEPTED, 1.0))
-
-    full = Mock(side_effect=OSError(28, 'No space left on device'))
-    monkeypatch.setattr('convseq_ros.io.results.os.replace', full)
-    with pytest.raises(OSError, match=r'No space left.*result.csv.part'):
-        table.close()
-    assert len(read_results(tmp_path / 'result.csv.part')) == 1
+def test_an_error_names_the_file():
+    with pytest.raises(OSError, match=r'No space left.*/dev/full'):
+        ResultWriter(Path('/dev/full'), COLUMNS)
 
 
 def test_a_result_file_is_complete_or_absent_and_replaces_no_other_file(tmp_path):

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What changes files: maps are made, grown, saved, linked, thinned; a result table is written."""
+"""What changes files: maps are made, grown, saved, linked, thinned."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,10 +14,7 @@ from convseq_ros.core.map.edit import rewrite, unlink
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.session_slice import joined, slices_of, without
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.result_row import COLUMNS, row
-from convseq_ros.core.types import Match, Reason
 from convseq_ros.errors import MapError
-from convseq_ros.io.results import read_results, ResultWriter
 
 from bench.torture.disk import acknowledge, heal
 from bench.torture.maps import answers, APART, crash, drawn, ENCODING, grow, holds, log_of
@@ -48,11 +45,6 @@ def _crashed(path: Path, commits: Commits) -> None:
     crash(path, commits[0], commits[0] + commits[1])
     with log_of(path).open('r+b') as log:
         log.truncate(log_of(path).stat().st_size - 1)
-
-
-def _older(path: Path, commits: Commits) -> None:
-    """Create a result table."""
-    _tabulate(path, commits[:1])
 
 
 def _grow(path: Path, commits: Commits) -> None:
@@ -87,13 +79,6 @@ def _remove(path: Path, commits: Commits) -> None:
     acknowledge(1)
 
 
-def _tabulate(path: Path, commits: Commits) -> None:
-    with ResultWriter(path, COLUMNS) as table:
-        for index in range(sum(commits)):
-            table.write(row(Match(index, index, Reason.RECENT), 1.0))
-    acknowledge(1)
-
-
 def _goes_on(_scenario: Scenario, path: Path, _commits: Commits, acknowledged: int) -> None:
     """Check that the map has all places, and that another program can extend or create it."""
     if acknowledged >= 0:
@@ -120,9 +105,8 @@ def _old_or_new(scenario: Scenario, path: Path, commits: Commits, acknowledged: 
             _goes_on(scenario, path, commits, commits[0])
         scenario.act(path, commits)
     assert _content(path) == new
-    if scenario.act is not _tabulate:  # the table of a run that failed stays, under another name
-        unlink(path)  # the next program tidies up
-        _nothing_beside(path)
+    unlink(path)  # the next program tidies up
+    _nothing_beside(path)
 
 
 @lru_cache
@@ -137,9 +121,7 @@ def _undisturbed(scenario: Scenario, name: str, commits: Commits) -> tuple[objec
 
 
 def _content(path: Path) -> object:
-    """Return what a file holds: rows, or places and links."""
-    if path.read_bytes()[:6] != b'SQLite':
-        return [row['query_index'] for row in read_results(path)]
+    """Return what a map holds: places and links."""
     opened = open_map(path, ENCODING)
     assert not opened.problem, opened.problem
     links = [*map(repr, opened.links.each())], opened.links.looked_up_count
@@ -158,5 +140,4 @@ SCENARIOS = {
     'save over a crash': Scenario(_crashed, _save, _old_or_new),
     'unlink': Scenario(_some, _unlink, _old_or_new),
     'remove': Scenario(_some, _remove, _old_or_new),
-    'result table': Scenario(_older, _tabulate, _old_or_new),
 }

@@ -6,18 +6,19 @@ import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 import importlib
+import signal
 import sys
-from typing import Any
 
 from convseq_ros import __version__
 from convseq_ros.cli.outputs import refuse_chosen_outputs
 from convseq_ros.cli.streams import discard, OUTPUT
 from convseq_ros.config.arguments import Parser, refuse_foreign, sentence
 from convseq_ros.errors import ConvseqError, printable
-from convseq_ros.node.process import hand_over, interrupt, use_one_thread
+from convseq_ros.node.process import use_one_thread
 
 use_one_thread()
 
+SIGNALS = signal.SIGINT, signal.SIGTERM
 COMMANDS = {
     'build-map': 'build a reference map from a recording or a folder of images',
     'replay': 'recognise the frames of a recording in a map, without ROS',
@@ -47,10 +48,8 @@ def main(args: Sequence[str] | None = None) -> int:
         parser.print_help(sys.stderr)
         return 2
     chosen = parser.parse_args(args)
-    command = importlib.import_module(f'convseq_ros.cli.{chosen.command.replace("-", "_")}')
-    hand_over(interrupt)
     try:
-        return _run(command, chosen.command, chosen.arguments)
+        return _run(chosen.command, chosen.arguments)
     except ConvseqError as error:
         problem = str(error)
     except BrokenPipeError as error:
@@ -73,8 +72,12 @@ def main(args: Sequence[str] | None = None) -> int:
     return 1
 
 
-def _run(command: Any, name: str, arguments: list[str]) -> int:
+def _run(name: str, arguments: list[str]) -> int:
     """Run the module of a sub-command with its arguments; return its exit code."""
+    # An interruption waits: NumPy would turn it into an error of its own, while it is imported.
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    command = importlib.import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
     parser = Parser(prog=f'convseq {name}', description=sentence(COMMANDS[name]))
     command.describe(parser)
     options = parser.parse_args(arguments)

@@ -43,7 +43,6 @@ from convseq_ros.core.types import Frame
 from convseq_ros.errors import ConfigError, printable, SourceError
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.models.onnx_model import open_model
-from convseq_ros.node.process import held
 from convseq_ros.sources import open_each_camera, Source
 from convseq_ros.sources.recording_names import recordings_in
 
@@ -176,15 +175,14 @@ def build(
     started, report, counts = time.monotonic(), on_warning or warn, _Counts()
     for name, number, source in sessions:
         is_first, before = source is sessions[0][2], counts.frames
-        with held():
-            adds, own = append or not is_first, of_camera(config, number)
-            builder = MapBuilder(path, own, adds, name, pose_frame, links, max_looks, model)
-            if is_first and builder.problem:
-                report(builder.problem)
-            frames = source if on_warning else progress(source, len(source), path.name)
-            problem = counts.add(builder, frames, report)
-            for warning in source.warnings:
-                report(warning)
+        adds, own = append or not is_first, of_camera(config, number)
+        builder = MapBuilder(path, own, adds, name, pose_frame, links, max_looks, model)
+        if is_first and builder.problem:
+            report(builder.problem)
+        frames = source if on_warning else progress(source, len(source), path.name)
+        problem = counts.add(builder, frames, report)
+        for warning in source.warnings:
+            report(warning)
         if counts.interrupted:
             if not counts.added:
                 raise KeyboardInterrupt

@@ -20,7 +20,6 @@ from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.errors import MapError, printable
 from convseq_ros.io.mask_file import read_mask
-from convseq_ros.node.process import steps
 from convseq_ros.sources.mount import Tf
 
 Item = TypeVar('Item')
@@ -95,13 +94,13 @@ def chosen_config(
 
 
 def progress(items: Iterable[Item], total: int, name: str, unit: str = 'frames') -> Iterator[Item]:
-    """Yield the items as `steps`; show progress, speed and remaining time in a terminal."""
+    """Yield the items; show progress, speed and remaining time in a terminal."""
     if sys.stderr.isatty():
         with suppress(ImportError):
             from tqdm import tqdm
 
             items = tqdm(items, name, total, unit=f' {unit}', dynamic_ncols=True)
-    return steps(items)
+    return iter(items)
 
 
 def say(line: str) -> None:

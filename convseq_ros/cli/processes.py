@@ -127,10 +127,9 @@ def end(process: subprocess.Popen[bytes], end_s: float) -> None:
 
 def wait_for_rows(table: Path, wanted: int, stalled_s: float) -> int:
     """Wait for rows of a growing table, at most `stalled_s` for each; return their number."""
-    part = table.with_name(table.name + '.part')
     rows, changed_s = 0, time.monotonic()
     while rows < wanted and time.monotonic() - changed_s < stalled_s:
-        now = len(read_results(part)) if part.exists() else 0
+        now = len(read_results(table)) if table.exists() else 0
         if now > rows:
             rows, changed_s = now, time.monotonic()
         time.sleep(_POLL_S)

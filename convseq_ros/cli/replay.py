@@ -36,7 +36,6 @@ from convseq_ros.errors import MapError, printable
 from convseq_ros.io.output_file import ANSWERS, PAGE
 from convseq_ros.io.results import ResultWriter
 from convseq_ros.models.onnx_model import open_model
-from convseq_ros.node.process import held
 from convseq_ros.pose_graph.graph_file import write_tum
 from convseq_ros.sources import in_order, open_each_camera, Source
 
@@ -71,7 +70,7 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Replay, write the table, and print a summary."""
     config, sources = chosen_config(chosen), chosen.topic.split()
-    with tells_what_is_kept(chosen.map), held():
+    with tells_what_is_kept(chosen.map):
         pipeline = Pipeline(chosen.map, config, sources=sources, describe=open_model(config))
         for line in pipeline.ignored:
             warn(line)
@@ -155,8 +154,6 @@ def opened(path: Path) -> Iterator[Listener]:
             yield recording.write
         return
     with ResultWriter(path, COLUMNS) as table:
-        if table.kept:
-            warn(f'{table.kept}: has the rows of an earlier run that did not end')
 
         def write(frame: Frame, match: Match, _: PlaceRecognizer, duration_ms: float) -> None:
             is_file = '/' not in frame.source  # else it is a topic

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The processes of the nodes; `vpr_node` is also `python -m convseq_ros.node`."""
 
+import os
+import signal
 import sys
 from typing import NoReturn
-
-from convseq_ros.node.process import end_on_signal, run_node
 
 _USAGE = """\
 usage: vpr_node [--ros-args [-p NAME:=VALUE]... [--params-file FILE] [-r image:=TOPIC]...]
@@ -42,7 +42,9 @@ def pose_graph_main() -> NoReturn:
 
 
 def _start(name: str, usage: str) -> NoReturn:
-    end_on_signal(0)  # before anything else is imported
+    # Until the node handles them: while NumPy is imported, an exception would become its own.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: os._exit(0))
     if {'-h', '--help'} & set(sys.argv[1:]):
         print(usage)
         _describe(name)
@@ -50,13 +52,14 @@ def _start(name: str, usage: str) -> NoReturn:
     if sys.argv[1:] and sys.argv[1] != '--ros-args':  # ROS would ignore it silently
         print(f'{name}: {sys.argv[1]}: parameters and remaps follow --ros-args', file=sys.stderr)
         sys.exit(2)
+    from importlib import import_module
     from importlib.util import find_spec
 
     if find_spec('rclpy') is None:
         from convseq_ros.errors import NEEDS_ROS
 
         sys.exit(f'{name}: {NEEDS_ROS}')
-    run_node(f'convseq_ros.node.{name}')
+    sys.exit(import_module(f'convseq_ros.node.{name}').main())
 
 
 def _describe(name: str) -> None:

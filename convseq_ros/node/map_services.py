@@ -76,9 +76,9 @@ class MapServices:
             )
         self._logger.info(text)
 
-    def finish(self, timeout_s: float) -> bool:
-        """Wait for the services to finish their work; return whether they did in time."""
-        return self._background.finish(timeout_s)
+    def finish(self) -> None:
+        """Wait for the services to finish their work."""
+        self._background.finish()
 
     async def _on_load_map(
         self, request: LoadMap.Request, response: LoadMap.Response

@@ -4,14 +4,10 @@
 
 from contextlib import suppress
 from pathlib import Path
+import sys
 from threading import Lock, Thread
 import time
 from typing import Any
-
-if __name__ == '__main__':
-    from convseq_ros.node.__main__ import pose_graph_main
-
-    pose_graph_main()
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.core.rigid import Matrix, matrix, pose_of
@@ -188,7 +184,7 @@ class PoseGraphNode(ListeningNode):
             return
         with self._lock:
             problem = self._graph.problem()
-        self._thread = Thread(target=self._solve, args=(problem,), name='service', daemon=True)
+        self._thread = Thread(target=self._solve, args=(problem,), name='solver')
         self._thread.start()
 
     def _solve(self, problem: Problem | None) -> None:
@@ -273,3 +269,7 @@ def _posed(trajectory: list[tuple[int, Matrix]]) -> list[tuple[int, Pose]]:
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit code."""
     return run_until_signal(PoseGraphNode, args, 'pose_graph_node')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -30,10 +30,6 @@ class ResultLog:
                     f'result_file: {path} cannot be written ({error.strerror}); '
                     'choose another or leave it empty'
                 ) from None
-            if self._writer.kept:
-                logger.warning(
-                    f'{self._writer.kept}: has the rows of an earlier run that did not end'
-                )
 
     def write(self, match: Match, duration_ms: float) -> None:
         with self._lock:
@@ -45,7 +41,6 @@ class ResultLog:
                         f'{self._path}: {error.strerror}; going on without rows from frame '
                         f'{match.query_index} on'
                     )
-                    writer.abandon()
                     self._writer, self._failed = None, True
             self.lost += self._failed
 

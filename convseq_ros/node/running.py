@@ -7,19 +7,13 @@ from contextlib import suppress
 from ctypes import CDLL
 import os
 import re
+import signal
 import sys
 import threading
 
 from convseq_ros.config.arguments import refuse_foreign
 from convseq_ros.errors import ConfigError, ConvseqError, one_line, with_traceback
-from convseq_ros.node.process import (
-    check_logs,
-    end_on_signal,
-    fast_dds,
-    hand_over,
-    ignore,
-    QUICK_START,
-)
+from convseq_ros.node.process import check_logs, fast_dds, QUICK_START
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
@@ -40,7 +34,9 @@ def run_until_signal(
     make_node: Callable[[], Node], args: list[str] | None = None, name: str = 'vpr_node'
 ) -> int:
     """Run a node until SIGINT or SIGTERM; return the exit code."""
-    end_on_signal(0)
+    ending = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ending.set())
     keep_memory_at_hand()
     os.environ.update(fast_dds(QUICK_START))  # read when the first node is made
     check_logs()
@@ -57,30 +53,27 @@ def run_until_signal(
         node = make_node()
         try:
             for _ in spin(node):
-                pass
+                if ending.is_set():
+                    break
         finally:
             node.destroy_node()
     except (ConvseqError, OSError) as error:
         return _refuse(error, name)
     finally:
         try_shutdown()
-        ignore()
-    _exit_if_busy()
     return 0
 
 
 def spin(node: Node) -> Iterator[None]:
     """
-    Serve a node until a signal comes or ROS is shut down; yield after every turn.
+    Serve a node until ROS is shut down; yield after every turn.
 
     The error of a callback is logged: no message ends the node.
     """
-    ending = threading.Event()
-    hand_over(ending.set)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     # A signal does not wake the executor, so it returns now and then.
-    while ok() and not ending.is_set():
+    while ok():
         try:
             executor.spin_once(timeout_sec=_SPIN_S)
         except Exception as error:
@@ -96,14 +89,6 @@ def keep_memory_at_hand() -> None:
         library = CDLL(None)
         library.mallopt(_M_MMAP_THRESHOLD, _MAPPED_BYTES)
         library.mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
-
-
-def _exit_if_busy() -> None:
-    """End at once if threads still work: Python's cleanup would break them."""
-    if any(thread.name in ('worker', 'service') for thread in threading.enumerate()):
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(0)
 
 
 def _refuse(error: Exception, name: str) -> int:

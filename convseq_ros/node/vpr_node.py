@@ -5,14 +5,9 @@
 from contextlib import ExitStack
 import gc
 from pathlib import Path
+import sys
 import time
 from typing import Any
-
-if __name__ == '__main__':
-    # Before NumPy, OpenCV and rclpy are imported, which takes a second.
-    from convseq_ros.node.__main__ import main as start
-
-    start()
 
 from convseq_ros.config import Config
 from convseq_ros.config.node_config import NodeConfig
@@ -44,7 +39,6 @@ from convseq_ros.sources.raw_message import RawMessage
 from std_srvs.srv import SetBool, Trigger
 
 _STOP_TIMEOUT_S = 1.0  # when the process ends
-_MAPS_TIMEOUT_S = 2.0
 
 
 class VprNode(ManagedNode):
@@ -168,8 +162,7 @@ class VprNode(ManagedNode):
         if not self._worker.stop(patience_s) and self._ready:
             self.get_logger().warning('stopped in the middle of a frame')
         self._progress.finish(self._worker.waiting)
-        if not self._maps.finish(_MAPS_TIMEOUT_S):
-            self.get_logger().warning('stopped before a map was saved or opened')
+        self._maps.finish()
         self._results.close()
         self._ready = False
 
@@ -306,3 +299,7 @@ class VprNode(ManagedNode):
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit code."""
     return run_until_signal(VprNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

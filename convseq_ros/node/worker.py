@@ -45,7 +45,7 @@ class Worker(Generic[Item]):
         self.is_stopping = False  # whether no further item is handled
         self._changed = threading.Condition()
         self._is_idle = threading.Event()  # from the last item on
-        self._thread = threading.Thread(target=self._run, name='worker', daemon=True)
+        self._thread = threading.Thread(target=self._run, name='worker')
 
     def configure(self, queue_size: int, max_wait_s: float) -> None:
         """Use other limits from now on."""
@@ -132,7 +132,7 @@ _POLL_S = 0.005
 
 class BackgroundWork:
     """
-    Does the work of services in other threads, which end with the process.
+    Does the work of services in other threads, for which the process waits at its end.
 
     The service needs a separate callback group: the default one is blocked until the coroutine
     ends.
@@ -144,7 +144,7 @@ class BackgroundWork:
     async def result_of(self, work: Callable[[], Result]) -> Result:
         """Return the result of work, or raise its error, while other callbacks are served."""
         future: Future[Result] = Future()
-        thread = threading.Thread(target=fulfil, args=(future, work), name='service', daemon=True)
+        thread = threading.Thread(target=fulfil, args=(future, work), name='service')
         self._threads.add(thread)
         thread.start()
         while thread.is_alive():
@@ -152,11 +152,10 @@ class BackgroundWork:
         self._threads.discard(thread)
         return future.result()
 
-    def finish(self, timeout_s: float) -> bool:
-        """Wait for all work to end; return whether it did."""
+    def finish(self) -> None:
+        """Wait for all work to end."""
         for thread in self._threads:
-            thread.join(timeout_s)
-        return not any(thread.is_alive() for thread in self._threads)
+            thread.join()
 
 
 def fulfil(future: Future[Result], work: Callable[[], Result]) -> None:

@@ -5,7 +5,6 @@
 import argparse
 import json
 import os
-from pathlib import Path
 import resource
 import signal
 import subprocess
@@ -210,8 +209,7 @@ def test_a_full_disk_stops_results_with_one_line_and_keeps_the_rows(drive, map_p
     done = limited(['replay', drive, '--map', map_path, '--output', output], 2000)
     assert done.returncode == 1 and done.stderr.count('\n') == 1, done.stderr
     assert 'result.csv' in done.stderr
-    assert not output.exists()
-    assert len(read_results(Path(f'{output}.part'))) > 5
+    assert len(read_results(output)) > 5
 
 
 def _hear_sigint():

@@ -109,8 +109,8 @@ def test_the_target_of_a_symbolic_link_is_replaced_and_the_link_stays(here):
     assert main(['replay', 'drive', '--map', 'm.db', *words]) == 0
     for name in ('r.csv', 'page.html'):
         assert (here / name).is_symlink() and (here / 'far' / name).stat().st_size
-    with ResultWriter(here / 'r.csv', ['a']):
-        assert (here / 'far' / 'r.csv.part').exists()
+    ResultWriter(here / 'r.csv', ['a'], keeps_earlier=True).close()
+    assert (here / 'far' / 'r.1.csv').exists() and (here / 'r.csv').is_symlink()
 
 
 def test_a_recording_of_an_earlier_replay_is_replaced(tmp_path):

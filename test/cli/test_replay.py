@@ -124,7 +124,7 @@ def fails_at(last):
 
     def write(*_):
         if next(left, None) is None:
-            raise OSError(28, 'disk full', 'result.csv.part')
+            raise OSError(28, 'disk full', 'result.csv')
 
     return write
 

@@ -3,14 +3,13 @@
 """In online mode the map grows from the node's own past, and is kept as it grows."""
 
 import threading
+from unittest.mock import Mock
 
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.pipeline import Pipeline
-from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.errors import ConfigError
-from convseq_ros.io.results import ResultWriter
 from convseq_ros.node.conversions import CANDIDATE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -204,9 +203,11 @@ def test_the_map_that_grows_is_completed_where_it_is(client, vpr, street, image,
     assert answer.result == LoadMap.Response.RESULT_INVALID_MAP_DATA
 
 
-def test_a_node_that_does_not_start_leaves_the_map_to_others(vpr, tmp_path):
+def test_a_node_that_does_not_start_leaves_the_map_to_others(vpr, tmp_path, monkeypatch):
     path, table = tmp_path / 'new.db', tmp_path / 'rows.csv'
-    with ResultWriter(table, COLUMNS), pytest.raises(ConfigError, match='result_file'):
+    full = Mock(side_effect=OSError(28, 'disk full'))
+    monkeypatch.setattr('convseq_ros.node.result_log.ResultWriter', full)
+    with pytest.raises(ConfigError, match=r'rows\.csv cannot be written \(disk full\)'):
         vpr(map_path=path, result_file=table, **ONLINE)
     vpr(map_path=path, **ONLINE)
 

@@ -77,8 +77,7 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
     client.wait_for(lambda: client.node.count_subscribers('/image'), 'the node')
     names = '/wheels:=/odom', '/cam/info:=/camera_info', '/camera/image_raw:=/image'
     assert start('drive_sender', recording, 6, *names).wait(60) == 0
-    part = live.with_name('live.csv.part')
-    client.wait_for(lambda: len(part.read_text().splitlines()) > len(PLACES), 'all rows')
+    client.wait_for(lambda: len(live.read_text().splitlines()) > len(PLACES), 'all rows')
     node.send_signal(signal.SIGINT)
     assert node.wait(60) == 0
 

@@ -43,7 +43,7 @@ def test_the_node_gives_all_answers_of_the_released_script(
     for index, gray in enumerate(queries, 1):
         camera.publish(image(gray, index * STEP_NS))
         client.wait_for(lambda count=index: len(heard) == count, 'an answer')
-    last, rows = len(queries) - 1, read_results(tmp_path / 'result.csv.part')
+    last, rows = len(queries) - 1, read_results(tmp_path / 'result.csv')
     assert len(rows) == len(queries)
     found = {
         last - int(row['query_index']): (

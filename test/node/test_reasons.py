@@ -82,7 +82,7 @@ def test_a_reason_is_written_to_the_table_and_counted(
         return {item.key: item.value for item in diagnostics[-1].status[0].values}
 
     client.wait_for(lambda: diagnostics and values()['processed'] == str(len(views)), 'answers')
-    reasons = [row['reason'] for row in read_results(table.with_name('live.csv.part'))]
+    reasons = [row['reason'] for row in read_results(table)]
     assert set(reasons) >= set(expected.split())
     assert values()['last_reason'] == reasons[-1]
     counted = {

@@ -14,7 +14,7 @@ from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera, Match, Pose, Reason
 from convseq_ros.errors import ConvseqError, MapError
-from convseq_ros.io.results import read_results, ResultWriter
+from convseq_ros.io.results import read_results
 from convseq_ros.node import diagnostics, progress_log
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.counters import Counters
@@ -249,7 +249,7 @@ def test_a_full_disk_is_logged_once_and_counted(tmp_path, monkeypatch):
     log.write(match(0), 1.5)
     full = OSError(errno.ENOSPC, 'No space left on device')
     with monkeypatch.context() as patch:
-        patch.setattr(ResultWriter, 'write', Mock(side_effect=full))
+        patch.setattr('csv.DictWriter.writerow', Mock(side_effect=full))
         log.write(match(1), 1.5)
         log.write(match(2), 1.5)
     log.write(match(3), 1.5)
@@ -257,4 +257,4 @@ def test_a_full_disk_is_logged_once_and_counted(tmp_path, monkeypatch):
     assert log.lost == 3
     logger.error.assert_called_once()
     assert 'No space left on device' in logger.error.call_args.args[0]
-    assert len(read_results(tmp_path / 'result.csv.part')) == 1
+    assert len(read_results(tmp_path / 'result.csv')) == 1
