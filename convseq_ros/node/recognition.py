@@ -9,8 +9,7 @@ import time
 from typing import Any
 
 from convseq_ros.core.pipeline import Pipeline
-from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame, Match
+from convseq_ros.core.types import Frame
 from convseq_ros.errors import (
     ConvseqError,
     ImageError,
@@ -19,6 +18,7 @@ from convseq_ros.errors import (
     one_line,
     with_traceback,
 )
+from convseq_ros.node.answered import Answered
 from convseq_ros.node.counters import Counters
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.map_linking import MapLinking
@@ -39,19 +39,6 @@ class Arrival:
     arrival_ns: int  # monotonic time at which it came
     topic: str
     number: int  # messages before it, including dropped ones
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Answered:
-    """A frame and its answer."""
-
-    frame: Frame
-    match: Match
-    recognizer: PlaceRecognizer  # that made it; for its map, and what a picture of it shows
-    session_start: int  # places of the map from this index on are of the running drive
-    model_ms: float  # of the work: that of the descriptor model
-    duration_ms: float  # of the work
-    latency_ms: float  # since the image arrived
 
 
 @dataclass(eq=False)

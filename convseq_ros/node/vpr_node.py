@@ -17,6 +17,7 @@ from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.io.output_file import OutputFile
 from convseq_ros.models.onnx_model import open_model
+from convseq_ros.node.answered import Answered
 from convseq_ros.node.counters import Counters
 from convseq_ros.node.diagnostics import Diagnostics
 from convseq_ros.node.frame_context import FrameContext
@@ -29,7 +30,7 @@ from convseq_ros.node.parameters import declare
 from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers
 from convseq_ros.node.qos import SERVICE_QOS
-from convseq_ros.node.recognition import Answered, Arrival, Recognition
+from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.running import run_until_signal
 from convseq_ros.node.situation import Situation
