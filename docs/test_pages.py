@@ -30,7 +30,7 @@ LISTENS_S, ENDS_S = 60, 20
 PLAY = """#!/bin/sh
 # ros2 bag play FOLDER --rate RATE
 names='/odom:=/odom /camera/camera_info:=/camera/camera_info /camera/image_raw:=/camera/image_raw'
-exec python -m convseq_ros.node.drive_sender "$3" "$5" $names
+exec python -m convseq_ros.node.outputs.drive_sender "$3" "$5" $names
 """
 FIRST = 'tutorials/first_map.md'  # makes what the other pages use
 

@@ -83,7 +83,7 @@ def test_the_page_of_commands_has_a_section_for_each_with_its_help(monkeypatch):
 
 def test_the_page_of_topics_has_every_topic_service_and_reason():
     page = (REPOSITORY / 'docs' / 'TOPICS.md').read_text(encoding='utf-8')
-    files = [*(REPOSITORY / 'convseq_ros' / 'node').glob('*.py')]
+    files = [*(REPOSITORY / 'convseq_ros' / 'node').rglob('*.py')]
     own = {name for file in files for name in re.findall(r"'(~/\w+)'", file.read_text('utf-8'))}
     settings = {item.name for item in parameters(NodeConfig) if 'topic' in item.name}
     named = own | settings | {'image', 'odom', 'camera_info', 'initialpose', '/diagnostics'}

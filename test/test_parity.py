@@ -137,7 +137,7 @@ def answers_of_the_node(recording, map_path, encoding, path, topics):
     )
     try:
         for topic in topics or ['/image']:
-            sender = 'convseq_ros.node.drive_sender', recording, '6', f'/camera:={topic}'
+            sender = 'convseq_ros.node.outputs.drive_sender', recording, '6', f'/camera:={topic}'
             subprocess.run(
                 [*python, *sender], cwd=path.parent, env=environment, check=True, timeout=180
             )

@@ -25,6 +25,7 @@ _RATE = 3.0
 _END_S, _STALLED_S, _POLL_S = 60.0, 60.0, 0.2
 _FALSE, _APART_M, _APART_NS = 6, 20.0, 30_000_000_000
 _GRAPH = '-m', 'convseq_ros.node.pose_graph_node'
+_FALSE_CLOSURES = '-m', 'convseq_ros.node.outputs.false_closures'
 
 Truth = Mapping[int, Vector]  # position in metres, by the stamps of odometry
 Pairs = Sequence[tuple[int, int]]  # stamps of query and reference
@@ -69,7 +70,7 @@ def play(
     files = {'tum_file': folder / 'trajectory.txt', 'g2o_file': folder / 'graph.g2o'}
     graph = [*_GRAPH, *_words(files)]
     drive = sender_arguments(folder / 'drive', rate)
-    sender = ['-m', 'convseq_ros.node.false_closures', *(str(at) for pair in false for at in pair)]
+    sender = [*_FALSE_CLOSURES, *(str(at) for pair in false for at in pair)]
     with (
         running('pose_graph_node', graph, folder, _END_S) as back_end,
         running('false_closures', sender, folder, _END_S) as sending,

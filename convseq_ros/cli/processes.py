@@ -94,7 +94,7 @@ def need_ros(user: str = '') -> None:
 def sender_arguments(recording: Path, rate: float) -> list[str]:
     """Return Python's arguments to send a drawn recording, with all its topics, to nodes."""
     names = f'{ODOM}:=/odom', f'{CAMERA_INFO}:=/camera_info', f'{IMAGE}:=/image'
-    return ['-m', 'convseq_ros.node.drive_sender', str(recording), f'{rate:g}', *names]
+    return ['-m', 'convseq_ros.node.outputs.drive_sender', str(recording), f'{rate:g}', *names]
 
 
 @contextmanager

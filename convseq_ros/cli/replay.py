@@ -150,7 +150,8 @@ def opened(path: Path) -> Iterator[Listener]:
     if path.suffix == '.mcap':
         need_ros(str(path))
         # Imported by name, because commands run without ROS.
-        with import_module('convseq_ros.node.result_recording').ResultRecording(path) as recording:
+        module = import_module('convseq_ros.node.outputs.result_recording')
+        with module.ResultRecording(path) as recording:
             yield recording.write
         return
     with ResultWriter(path, COLUMNS) as table:

@@ -15,14 +15,14 @@ from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError, with_traceback
 from convseq_ros.io.output_file import ANY, OutputFile, refuse_outputs, TEXT
 from convseq_ros.io.regular_file import write_lines
-from convseq_ros.node.closures_heard import closure_of, closure_of_pair, uncertain_pose
 from convseq_ros.node.conversions import path_message, stamp_to_ns, status_message
-from convseq_ros.node.following_subscription import FollowingSubscription
-from convseq_ros.node.listener import ListeningNode
-from convseq_ros.node.map_to_odom import MapToOdom
-from convseq_ros.node.parameters import declare_group
+from convseq_ros.node.inputs.closures_heard import closure_of, closure_of_pair, uncertain_pose
+from convseq_ros.node.inputs.following_subscription import FollowingSubscription
+from convseq_ros.node.inputs.listener import ListeningNode
+from convseq_ros.node.outputs.map_to_odom import MapToOdom
 from convseq_ros.node.qos import advertise, LATCHED, SERVICE_QOS, steady_timer
 from convseq_ros.node.running import run_until_signal
+from convseq_ros.node.services.parameters import declare_group
 from convseq_ros.pose_graph.closures import Known
 from convseq_ros.pose_graph.g2o import g2o
 from convseq_ros.pose_graph.graph import PoseGraph

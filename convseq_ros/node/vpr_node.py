@@ -17,25 +17,25 @@ from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.io.output_file import OutputFile
 from convseq_ros.models.onnx_model import open_model
-from convseq_ros.node.answered import Answered
-from convseq_ros.node.counters import Counters
-from convseq_ros.node.diagnostics import Diagnostics
-from convseq_ros.node.frame_context import FrameContext
-from convseq_ros.node.image_subscription import image_subscriptions, QUEUE_BYTES
-from convseq_ros.node.life_cycle import ManagedNode, PATIENCE_S
-from convseq_ros.node.localization import LocalizationTopics
-from convseq_ros.node.map_services import MapServices
-from convseq_ros.node.measured_transform import MeasuredTransform
-from convseq_ros.node.parameters import declare
-from convseq_ros.node.progress_log import ProgressLog
-from convseq_ros.node.publishers import MatchPublishers
+from convseq_ros.node.inputs.frame_context import FrameContext
+from convseq_ros.node.inputs.image_subscription import image_subscriptions, QUEUE_BYTES
+from convseq_ros.node.inputs.stamps import Stamps
+from convseq_ros.node.outputs.answered import Answered
+from convseq_ros.node.outputs.counters import Counters
+from convseq_ros.node.outputs.diagnostics import Diagnostics
+from convseq_ros.node.outputs.measured_transform import MeasuredTransform
+from convseq_ros.node.outputs.progress_log import ProgressLog
+from convseq_ros.node.outputs.publishers import MatchPublishers
+from convseq_ros.node.outputs.result_log import ResultLog
+from convseq_ros.node.outputs.situation import Situation
 from convseq_ros.node.qos import SERVICE_QOS
-from convseq_ros.node.recognition import Arrival, Recognition
-from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.running import run_until_signal
-from convseq_ros.node.situation import Situation
-from convseq_ros.node.stamps import Stamps
-from convseq_ros.node.worker import Worker
+from convseq_ros.node.services.life_cycle import ManagedNode, PATIENCE_S
+from convseq_ros.node.services.localization import LocalizationTopics
+from convseq_ros.node.services.map_services import MapServices
+from convseq_ros.node.services.parameters import declare
+from convseq_ros.node.services.recognition import Arrival, Recognition
+from convseq_ros.node.services.worker import Worker
 from convseq_ros.sources.raw_message import RawMessage
 from std_srvs.srv import SetBool, Trigger
 

@@ -141,8 +141,8 @@ def keyframe(store, ident, stamp_ns):
 
 def closure_to(session, confidence=0.75):
     """Return `~/closure` as the node sends it, without a pose, to a place of a session."""
-    from convseq_ros.node.closure_messages import CLOSURE as ROW
     from convseq_ros.node.conversions import cloud_message
+    from convseq_ros.node.outputs.closure_messages import CLOSURE as ROW
     from std_msgs.msg import Header
 
     row = np.zeros(1, ROW)

@@ -16,7 +16,7 @@ pytest.importorskip('sensor_msgs.msg', reason="needs ROS: pip install '.[ros]'")
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Frame, Match, Reason, RelativePose, UNKNOWN_M2
-from convseq_ros.node.closure_messages import CLOSURE, closure_message, LAYOUT
+from convseq_ros.node.outputs.closure_messages import CLOSURE, closure_message, LAYOUT
 import numpy as np
 from read_closure import read_closure, stamp_ns
 

@@ -8,8 +8,8 @@ from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Match, Reason, RelativePose
-from convseq_ros.node.closure_messages import closure_odometry_message
 from convseq_ros.node.conversions import CANDIDATE, candidates_message, stamp_from_ns, stamp_to_ns
+from convseq_ros.node.outputs.closure_messages import closure_odometry_message
 from hypothesis import given, strategies
 import numpy as np
 import pytest

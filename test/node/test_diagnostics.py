@@ -7,7 +7,7 @@ from itertools import count
 from convseq_ros.config import KeyframeConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.node import following_subscription
+from convseq_ros.node.inputs import following_subscription
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry

@@ -8,9 +8,9 @@ from unittest.mock import Mock
 
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.errors import ConfigError
-from convseq_ros.node import image_subscription
-from convseq_ros.node.following_subscription import FollowingSubscription
-from convseq_ros.node.image_subscription import image_subscriptions
+from convseq_ros.node.inputs import image_subscription
+from convseq_ros.node.inputs.following_subscription import FollowingSubscription
+from convseq_ros.node.inputs.image_subscription import image_subscriptions
 import cv2
 import numpy as np
 import pytest

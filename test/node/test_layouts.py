@@ -84,7 +84,7 @@ def test_foxglove_shows_topics_of_the_node(published):
 
 
 def test_namespaces_of_markers_are_those_that_are_drawn():
-    source = (CONFIG.parent / 'convseq_ros' / 'node' / 'map_topics.py').read_text()
+    source = (CONFIG.parent / 'convseq_ros' / 'node' / 'outputs' / 'map_topics.py').read_text()
     drawn = set(re.findall(r"_marker\(header, '(\w+)'", source))
     layout = yaml.safe_load((CONFIG / 'convseq.rviz').read_text())
     (display,) = (

@@ -5,8 +5,8 @@
 import threading
 from unittest.mock import Mock
 
-from convseq_ros.node.following_subscription import FollowingSubscription
-from convseq_ros.node.listener import ListeningNode
+from convseq_ros.node.inputs.following_subscription import FollowingSubscription
+from convseq_ros.node.inputs.listener import ListeningNode
 import pytest
 from std_msgs.msg import Int32
 

@@ -6,7 +6,7 @@ import sys
 import types
 from unittest.mock import Mock
 
-from convseq_ros.node.map_to_odom import MapToOdom
+from convseq_ros.node.outputs.map_to_odom import MapToOdom
 from geometry_msgs.msg import TransformStamped
 import numpy as np
 import pytest

@@ -9,7 +9,7 @@ from unittest.mock import Mock
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.rigid import inverse, matrix, pose_of
 from convseq_ros.core.types import Frame, PoseEstimate, RelativePose
-from convseq_ros.node.measured_transform import MeasuredTransform
+from convseq_ros.node.outputs.measured_transform import MeasuredTransform
 import numpy as np
 from poses import at
 import pytest

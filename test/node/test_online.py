@@ -206,7 +206,7 @@ def test_the_map_that_grows_is_completed_where_it_is(client, vpr, street, image,
 def test_a_node_that_does_not_start_leaves_the_map_to_others(vpr, tmp_path, monkeypatch):
     path, table = tmp_path / 'new.db', tmp_path / 'rows.csv'
     full = Mock(side_effect=OSError(28, 'disk full'))
-    monkeypatch.setattr('convseq_ros.node.result_log.ResultWriter', full)
+    monkeypatch.setattr('convseq_ros.node.outputs.result_log.ResultWriter', full)
     with pytest.raises(ConfigError, match=r'rows\.csv cannot be written \(disk full\)'):
         vpr(map_path=path, result_file=table, **ONLINE)
     vpr(map_path=path, **ONLINE)

@@ -76,7 +76,7 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
     node = start('vpr_node', odom_wait_s=2.0, **parameters, **own)
     client.wait_for(lambda: client.node.count_subscribers('/image'), 'the node')
     names = '/wheels:=/odom', '/cam/info:=/camera_info', '/camera/image_raw:=/image'
-    assert start('drive_sender', recording, 6, *names).wait(60) == 0
+    assert start('outputs.drive_sender', recording, 6, *names).wait(60) == 0
     client.wait_for(lambda: len(live.read_text().splitlines()) > len(PLACES), 'all rows')
     node.send_signal(signal.SIGINT)
     assert node.wait(60) == 0

@@ -7,7 +7,7 @@ from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import parameters
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.errors import ConfigError
-from convseq_ros.node.parameters import declare, declare_group, KNOWN
+from convseq_ros.node.services.parameters import declare, declare_group, KNOWN
 import pytest
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node

@@ -124,8 +124,8 @@ def settings() -> Iterator[str]:
 
 def messages() -> Iterator[str]:
     """Yield the fields of the two messages that have fields of their own."""
-    from convseq_ros.node.closure_messages import CLOSURE
     from convseq_ros.node.conversions import CANDIDATE, cloud_fields
+    from convseq_ros.node.outputs.closure_messages import CLOSURE
 
     for topic, row in (('~/closure', CLOSURE), ('~/candidates', CANDIDATE)):
         for item in cloud_fields(row):

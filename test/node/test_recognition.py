@@ -15,12 +15,12 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera, Match, Pose, Reason
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.io.results import read_results
-from convseq_ros.node import diagnostics, progress_log
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.node.counters import Counters
-from convseq_ros.node.once import Once
-from convseq_ros.node.recognition import Arrival, Recognition
-from convseq_ros.node.result_log import ResultLog
+from convseq_ros.node.inputs.once import Once
+from convseq_ros.node.outputs import diagnostics, progress_log
+from convseq_ros.node.outputs.counters import Counters
+from convseq_ros.node.outputs.result_log import ResultLog
+from convseq_ros.node.services.recognition import Arrival, Recognition
 from convseq_ros.sources.raw_message import IMAGE, RawMessage
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np

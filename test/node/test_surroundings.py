@@ -8,9 +8,9 @@ from types import SimpleNamespace
 from unittest.mock import Mock
 
 from convseq_ros.core.types import Camera
-from convseq_ros.node import odometry_listener
-from convseq_ros.node.camera_mount import Mount
 from convseq_ros.node.conversions import stamp_from_ns
+from convseq_ros.node.inputs import odometry_listener
+from convseq_ros.node.inputs.camera_mount import Mount
 from convseq_ros.node.qos import LATCHED
 from nav_msgs.msg import Odometry
 import pytest

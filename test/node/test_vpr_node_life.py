@@ -42,7 +42,8 @@ def test_a_signal_in_the_middle_of_a_frame_ends_the_node_cleanly(
 
 SLOW_TO_SAVE = """
 import atexit, sys, time
-from convseq_ros.node import map_services, vpr_node
+from convseq_ros.node.services import map_services
+from convseq_ros.node import vpr_node
 
 def slowly(_, path):
     print('saving', flush=True)

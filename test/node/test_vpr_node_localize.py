@@ -5,7 +5,7 @@
 from itertools import pairwise
 import threading
 
-from convseq_ros.node import localization
+from convseq_ros.node.services import localization
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.srv import LoadMap

@@ -7,7 +7,8 @@ import os
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.node import map_services, vpr_node
+from convseq_ros.node import vpr_node
+from convseq_ros.node.services import map_services
 from nav_msgs.srv import LoadMap
 import pytest
 from rcl_interfaces.srv import SetParameters

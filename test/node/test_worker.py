@@ -6,7 +6,7 @@ import threading
 from types import SimpleNamespace
 import weakref
 
-from convseq_ros.node.worker import Worker
+from convseq_ros.node.services.worker import Worker
 from programs import wait_for
 import pytest
 
@@ -86,7 +86,7 @@ def clock(monkeypatch):
     """Return a clock for the worker that the test sets, in milliseconds."""
     now = SimpleNamespace(ms=0.0)
     watch = SimpleNamespace(monotonic_ns=lambda: round(now.ms * 1e6))
-    monkeypatch.setattr('convseq_ros.node.worker.time', watch)
+    monkeypatch.setattr('convseq_ros.node.services.worker.time', watch)
     return now
 
 

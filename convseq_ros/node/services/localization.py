@@ -11,9 +11,9 @@ from typing import Any
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.types import Localization, LocalizationState, Match, PoseEstimate
 from convseq_ros.node.conversions import pose_message, status_message
+from convseq_ros.node.outputs.situation import Situation
 from convseq_ros.node.qos import advertise, LATCHED, SERVICE_QOS
-from convseq_ros.node.situation import Situation
-from convseq_ros.node.worker import Turn
+from convseq_ros.node.services.worker import Turn
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.callback_groups import ReentrantCallbackGroup

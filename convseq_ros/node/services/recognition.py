@@ -18,12 +18,12 @@ from convseq_ros.errors import (
     one_line,
     with_traceback,
 )
-from convseq_ros.node.answered import Answered
-from convseq_ros.node.counters import Counters
-from convseq_ros.node.frame_context import FrameContext
-from convseq_ros.node.map_linking import MapLinking
-from convseq_ros.node.once import Once
-from convseq_ros.node.result_log import ResultLog
+from convseq_ros.node.inputs.frame_context import FrameContext
+from convseq_ros.node.inputs.once import Once
+from convseq_ros.node.outputs.answered import Answered
+from convseq_ros.node.outputs.counters import Counters
+from convseq_ros.node.outputs.result_log import ResultLog
+from convseq_ros.node.services.map_linking import MapLinking
 from convseq_ros.sources.images import gray_and_color, message_pixels
 from convseq_ros.sources.raw_message import RawMessage
 

@@ -7,10 +7,10 @@ from typing import Any
 
 from convseq_ros.core.types import Pose
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.node.following_subscription import FollowingSubscription
-from convseq_ros.node.listener import ListeningNode
-from convseq_ros.node.missing import Missing
-from convseq_ros.node.waiting import Waiting
+from convseq_ros.node.inputs.following_subscription import FollowingSubscription
+from convseq_ros.node.inputs.listener import ListeningNode
+from convseq_ros.node.inputs.missing import Missing
+from convseq_ros.node.inputs.waiting import Waiting
 from convseq_ros.sources.pose_track import LONGEST_GAP_NS, pose_from_message, PoseTrack
 from nav_msgs.msg import Odometry as OdometryMessage
 

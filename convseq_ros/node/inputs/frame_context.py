@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.types import Camera
-from convseq_ros.node.camera_description import CameraDescription
-from convseq_ros.node.camera_mount import Mount
-from convseq_ros.node.listener import ListeningNode
-from convseq_ros.node.odometry_listener import OdometryListener
+from convseq_ros.node.inputs.camera_description import CameraDescription
+from convseq_ros.node.inputs.camera_mount import Mount
+from convseq_ros.node.inputs.listener import ListeningNode
+from convseq_ros.node.inputs.odometry_listener import OdometryListener
 from convseq_ros.sources.topic_rank import camera_info_beside
 
 

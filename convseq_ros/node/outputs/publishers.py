@@ -11,8 +11,6 @@ from convseq_ros.core.match_picture import answer_picture
 from convseq_ros.core.pose.estimate import with_map_errors
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match, PoseEstimate
-from convseq_ros.node.answered import Answered
-from convseq_ros.node.closure_messages import closure_message, closure_odometry_message
 from convseq_ros.node.conversions import (
     answer_message,
     candidates_message,
@@ -22,7 +20,9 @@ from convseq_ros.node.conversions import (
     match_header,
     pose_message,
 )
-from convseq_ros.node.map_topics import MapTopics, MatchMarkers
+from convseq_ros.node.outputs.answered import Answered
+from convseq_ros.node.outputs.closure_messages import closure_message, closure_odometry_message
+from convseq_ros.node.outputs.map_topics import MapTopics, MatchMarkers
 from convseq_ros.node.qos import advertise
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.errors import ConfigError
 from convseq_ros.node.conversions import type_name
-from convseq_ros.node.following_subscription import FollowingSubscription
-from convseq_ros.node.listener import ListeningNode
+from convseq_ros.node.inputs.following_subscription import FollowingSubscription
+from convseq_ros.node.inputs.listener import ListeningNode
 from convseq_ros.node.qos import steady_timer
 from convseq_ros.sources.raw_message import RawMessage
 from convseq_ros.sources.topic_rank import camera_info_beside, COMPRESSED, image_rank

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 import time
 
-from convseq_ros.node.counters import Counters
+from convseq_ros.node.outputs.counters import Counters
 from convseq_ros.node.qos import steady_timer
 from rclpy.node import Node
 

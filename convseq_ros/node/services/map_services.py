@@ -18,8 +18,8 @@ from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import MapError, NO_PLACES, one_line, with_traceback
 from convseq_ros.io.output_file import ANY, OutputFile
 from convseq_ros.node.qos import SERVICE_QOS
-from convseq_ros.node.recognition import Arrival, Recognition
-from convseq_ros.node.worker import BackgroundWork, fulfil, Worker
+from convseq_ros.node.services.recognition import Arrival, Recognition
+from convseq_ros.node.services.worker import BackgroundWork, fulfil, Worker
 from nav_msgs.srv import LoadMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node

@@ -7,7 +7,7 @@ from itertools import chain
 from typing import Any
 
 from convseq_ros.errors import ConvseqError, one_line
-from convseq_ros.node.listener import ListeningNode
+from convseq_ros.node.inputs.listener import ListeningNode
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 
 PATIENCE_S = 30.0  # for the frame at hand, when the files are to be closed

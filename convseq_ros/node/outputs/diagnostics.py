@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import time
 
 from convseq_ros.node.conversions import status_message
-from convseq_ros.node.counters import Counters
+from convseq_ros.node.outputs.counters import Counters
+from convseq_ros.node.outputs.situation import Situation
 from convseq_ros.node.qos import advertise, steady_timer
-from convseq_ros.node.situation import Situation
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 

@@ -7,10 +7,10 @@ from typing import Any
 
 from convseq_ros.core.types import Camera
 from convseq_ros.errors import one_line, SourceError
-from convseq_ros.node.camera_mount import Mount
-from convseq_ros.node.following_subscription import FollowingSubscription
-from convseq_ros.node.listener import ListeningNode
-from convseq_ros.node.once import Once
+from convseq_ros.node.inputs.camera_mount import Mount
+from convseq_ros.node.inputs.following_subscription import FollowingSubscription
+from convseq_ros.node.inputs.listener import ListeningNode
+from convseq_ros.node.inputs.once import Once
 from convseq_ros.sources.camera_info import camera_from_info, correction, fitted, misfit
 from sensor_msgs.msg import CameraInfo
 

@@ -8,7 +8,7 @@ from threading import Lock
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.rigid import inverse, Matrix, matrix, turned_by
 from convseq_ros.core.types import constants, Frame, Match, PoseEstimate
-from convseq_ros.node.map_to_odom import MapToOdom
+from convseq_ros.node.outputs.map_to_odom import MapToOdom
 import cv2
 import numpy as np
 from rclpy.node import Node

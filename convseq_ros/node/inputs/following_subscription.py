@@ -9,7 +9,7 @@ import time
 from typing import Any
 
 from convseq_ros.node.conversions import type_name
-from convseq_ros.node.listener import ListeningNode
+from convseq_ros.node.inputs.listener import ListeningNode
 from rclpy.event_handler import (
     QoSMessageLostInfo,
     QoSRequestedIncompatibleQoSInfo,
