@@ -11,8 +11,8 @@ from pathlib import Path
 import sys
 import time
 
+from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import Config, with_values
-from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.sources import open_source
 import cv2

@@ -23,8 +23,8 @@ import tempfile
 import time
 from typing import Any, NamedTuple
 
+from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import make_config
-from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.types import Frame
 from convseq_ros.evaluation.plots import new_figure, save
 from convseq_ros.simulation.drive import draw, Drive

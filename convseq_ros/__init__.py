@@ -26,7 +26,7 @@ _HOMES = {
     'Frame': 'core.types',
     'Match': 'core.types',
     'PlaceRecognizer': 'core.recognizer',
-    'build_map': 'core.map_builder',
+    'build_map': 'app.map_builder',
     'open_map': 'core.map.reader',
 }
 

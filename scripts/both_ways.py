@@ -17,8 +17,8 @@ from dataclasses import replace
 import math
 
 from convseq_ros import build_map, Config
+from convseq_ros.app.cameras import Cameras
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.simulation.street import Street
 from drives import blind, head, options, RIGHT_M, row, Shots, shots

@@ -17,10 +17,10 @@ from pathlib import Path
 import tempfile
 
 from convseq_ros import build_map, Config, Frame
+from convseq_ros.app.map_builder import MapBuilder
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config import make_config
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.map_builder import MapBuilder
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Pose
 from convseq_ros.simulation.route import Corner, Route
 from convseq_ros.sources.folder import ImageFolder

@@ -10,9 +10,9 @@ which were never used for fitting, with two halves of the map and with the map o
 from collections.abc import Iterator
 from dataclasses import replace
 
+from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import Config, make_config
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Reason
 from convseq_ros.evaluation.metrics import EDGES, reliability

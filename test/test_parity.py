@@ -14,8 +14,10 @@ pytest.importorskip('rclpy')
 pytest.importorskip('rosbags')
 pytest.importorskip('mcap')
 
+from convseq_ros.app.cameras import Cameras
+from convseq_ros.app.map_builder import build_map
+from convseq_ros.app.result_row import COLUMNS, row
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
-from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.encoding.mask import masked
@@ -23,9 +25,7 @@ from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.types import Frame
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.io.results import read_results, ResultWriter

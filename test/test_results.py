@@ -4,7 +4,7 @@
 
 from pathlib import Path
 
-from convseq_ros.core.result_row import COLUMNS, row
+from convseq_ros.app.result_row import COLUMNS, row
 from convseq_ros.core.types import (
     Anchor,
     Candidate,

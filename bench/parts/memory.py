@@ -14,8 +14,8 @@ import subprocess
 import sys
 import time
 
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config import Config
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Frame
 import numpy as np
 

@@ -9,11 +9,11 @@ import sqlite3
 import tempfile
 from typing import Any, NamedTuple
 
+from convseq_ros.app.result_row import COLUMNS
 from convseq_ros.cli.parameter_file import read_parameter_file
 from convseq_ros.config import Config, EncodingConfig
 from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.evaluation.data_set import read_data_set
 from convseq_ros.evaluation.truth import read_pairs, read_positions
 from convseq_ros.io.mask_file import read_mask

@@ -12,6 +12,8 @@ import sys
 import time
 from typing import Any
 
+from convseq_ros.app.cameras import of_camera
+from convseq_ros.app.map_builder import MapBuilder
 from convseq_ros.cli.options import (
     add_images,
     add_max_looks,
@@ -35,10 +37,8 @@ from convseq_ros.config import (
 )
 from convseq_ros.config.parameter import add_parameters, given, Parameter, parameters
 from convseq_ros.config.reading_config import chosen_reading, ReadingConfig
-from convseq_ros.core.cameras import of_camera
 from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.encoding.mask import masked
-from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import ConfigError, printable, SourceError
 from convseq_ros.io.mask_file import read_mask

@@ -9,12 +9,12 @@ import shutil
 import statistics
 import sys
 
+from convseq_ros.app.cameras import Cameras
 from convseq_ros.cli.build_map import build
 from convseq_ros.cli.demo_slam import run_slam
 from convseq_ros.cli.processes import CAMERA_INFO, ODOM, recognise_live
 from convseq_ros.cli.replay import opened, replay
 from convseq_ros.config import Config
-from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.plots import demo_picture, TOLERANCE

@@ -8,10 +8,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+from convseq_ros.app.match_picture import answer_picture
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.cli.options import add_config, chosen_config, warn
 from convseq_ros.cli.outputs import add_output
-from convseq_ros.core.match_picture import answer_picture
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Localization, Match, PoseEstimate

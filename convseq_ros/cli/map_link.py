@@ -11,6 +11,7 @@ import json
 from pathlib import Path
 import sys
 
+from convseq_ros.app.map_builder import link_map, not_linked, problem_of_linking
 from convseq_ros.cli.map_picture import draw_solved
 from convseq_ros.cli.options import map_progress, progress, warn
 from convseq_ros.cli.outputs import add_output
@@ -19,7 +20,6 @@ from convseq_ros.core.map.edit import forget_links, refuse_existing, rewrite, wr
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, sessions_of, SessionSlice
-from convseq_ros.core.map_builder import link_map, not_linked, problem_of_linking
 from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import MapError, printable
 from convseq_ros.io.output_file import ANY, FIGURE

@@ -14,6 +14,9 @@ import statistics
 import time
 from typing import Any
 
+from convseq_ros.app.cameras import Cameras
+from convseq_ros.app.pipeline import Pipeline
+from convseq_ros.app.result_row import COLUMNS, row
 from convseq_ros.cli.options import (
     add_config,
     add_images,
@@ -27,10 +30,7 @@ from convseq_ros.cli.options import (
 from convseq_ros.cli.outputs import add_output
 from convseq_ros.cli.processes import need_ros
 from convseq_ros.cli.replay_report import ReplayReport
-from convseq_ros.core.cameras import Cameras
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.core.types import Frame, Match, Pose, Reason
 from convseq_ros.errors import MapError, printable
 from convseq_ros.io.output_file import ANSWERS, PAGE

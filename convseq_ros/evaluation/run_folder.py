@@ -31,9 +31,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+from convseq_ros.app.result_row import COLUMNS, row
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.map.image_coding import thumbnail
-from convseq_ros.core.result_row import COLUMNS, row
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.images import Images
 from convseq_ros.evaluation.material import Material

@@ -12,8 +12,8 @@ from pathlib import Path
 import time
 from typing import Any
 
+from convseq_ros.app.cameras import Cameras
 from convseq_ros.config import Config
-from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.first_stage import Describe, vector_length, with_first_stage
 from convseq_ros.core.map.arrays import Places

@@ -17,7 +17,7 @@ class ResultWriter:
     """
     Writes a result table row by row; use it as a context manager.
 
-    `columns` are their names, such as those of `convseq_ros.core.result_row`. Each row is in the
+    `columns` are their names, such as those of `convseq_ros.app.result_row`. Each row is in the
     file once it is written, so a run that ends early leaves its rows. With `keeps_earlier` a table
     `a.csv` of before becomes `a.1.csv`, or has a higher number. OSError, which names the file, if
     it cannot be written.

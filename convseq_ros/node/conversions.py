@@ -9,9 +9,9 @@ import math
 import sys
 
 from builtin_interfaces.msg import Time
+from convseq_ros.app.result_row import row
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.result_row import row
 from convseq_ros.core.types import Candidate, Match, Pose, PoseEstimate
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Quaternion

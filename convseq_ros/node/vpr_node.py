@@ -9,10 +9,10 @@ import sys
 import time
 from typing import Any
 
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config import Config
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.encoding.mask import masked
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.io.output_file import OutputFile

@@ -10,10 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 import sys
 
+from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import Config, with_values
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.similarity.matcher import make_matcher
 from convseq_ros.core.types import Frame

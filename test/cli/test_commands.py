@@ -12,10 +12,10 @@ import sys
 import time
 from unittest.mock import Mock
 
+from convseq_ros.app.map_builder import MapBuilder
 from convseq_ros.cli import COMMANDS, main, replay
 from convseq_ros.cli.options import chosen_images
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.io.results import read_results
 from pictures import scene, written
 from programs import run

@@ -6,6 +6,7 @@ from dataclasses import replace
 import json
 import math
 
+from convseq_ros.app.map_builder import MapBuilder
 from convseq_ros.cli import main
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.graph.links import Link
@@ -13,7 +14,6 @@ from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import RelativePose
 from convseq_ros.pose_graph.alignment import align_sessions

@@ -5,13 +5,13 @@
 import json
 from unittest.mock import Mock
 
+from convseq_ros.app.map_builder import not_linked
 from convseq_ros.cli import main, map_link
 from convseq_ros.core.map import edit
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map, write_map
-from convseq_ros.core.map_builder import not_linked
 import numpy as np
 import pytest
 

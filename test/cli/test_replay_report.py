@@ -5,10 +5,10 @@
 from base64 import b64decode
 import re
 
+from convseq_ros.app.map_builder import build_map
 from convseq_ros.cli import main
 from convseq_ros.cli.replay_report import COLORS
 from convseq_ros.config import Config, KeyframeConfig
-from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.types import Reason
 from convseq_ros.io.results import read_results
 from convseq_ros.sources import open_source

@@ -7,13 +7,13 @@ import json
 import resource
 import signal
 
+from convseq_ros.app.map_builder import MapBuilder
 from convseq_ros.cli import main
 from convseq_ros.config import Config, EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.edit import rename_session
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.session_slice import slices_of
-from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import MapError

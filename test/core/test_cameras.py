@@ -5,10 +5,10 @@
 from dataclasses import replace
 import math
 
+from convseq_ros.app.cameras import Cameras
+from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import EVERY_FRAME, make_config, with_values
-from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import base_between, matrix, of_roll_pitch_yaw
 from convseq_ros.core.types import Camera, Frame, LocalizationState, Reason

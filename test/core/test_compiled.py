@@ -70,7 +70,7 @@ def test_nothing_is_written_where_the_package_is_installed(tmp_path):
     lines = (
         'import numpy as np\n'
         'from convseq_ros.core.compiled import available\n'
-        'from convseq_ros.core.pipeline import Pipeline\n'
+        'from convseq_ros.app.pipeline import Pipeline\n'
         'from convseq_ros.config import Config\n'
         'Pipeline(None, Config()).warm_up()\n'
         'print(available())\n'

@@ -5,6 +5,8 @@
 from dataclasses import replace
 import sqlite3
 
+from convseq_ros.app.map_builder import build_map, link_map
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map.edit import write_new
@@ -13,8 +15,6 @@ from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.map_builder import build_map, link_map
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import ConfigError, MapError, ModelError

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a frame takes, and what it refuses in one line."""
 
+from convseq_ros.app.map_builder import build_map
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.types import Frame
 import numpy as np
 import pytest

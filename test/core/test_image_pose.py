@@ -5,13 +5,13 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.map.edit import write_new
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, slices_of
-from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.pose.image_pose import (
     KEYPOINT,
     KeypointView,

@@ -4,6 +4,8 @@
 
 from dataclasses import replace
 
+from convseq_ros.app.map_builder import build_map, MapBuilder
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.cli import main
 from convseq_ros.config import make_config
 from convseq_ros.core.graph.links import chained, Link, LINKS, Links
@@ -11,8 +13,6 @@ from convseq_ros.core.graph.session_bounds import SessionBounds
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.session_slice import carry_links
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.map_builder import build_map, MapBuilder
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, turned_by
 from convseq_ros.core.types import Camera, Frame, RelativePose
 import cv2

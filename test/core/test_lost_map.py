@@ -4,11 +4,11 @@
 
 import os
 
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config import make_config
 from convseq_ros.core.map.online import RECENT
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import MapError
 from pictures import walls

@@ -6,13 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 import sqlite3
 
+from convseq_ros.app.map_builder import build_map, MapBuilder
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config import make_config
 from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.map_builder import build_map, MapBuilder
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Frame, Pose
 from convseq_ros.errors import MapError
 import numpy as np

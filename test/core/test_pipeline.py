@@ -5,9 +5,9 @@
 from contextlib import closing
 from dataclasses import replace
 
+from convseq_ros.app.map_builder import build_map
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config import make_config, with_values
-from convseq_ros.core.map_builder import build_map
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Frame, Pose
 from pictures import walls
 import pytest

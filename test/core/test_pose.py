@@ -6,13 +6,13 @@ from dataclasses import replace
 import math
 from types import SimpleNamespace
 
+from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import Config, EVERY_FRAME, MatchingConfig, RobotConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.upright import upright
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.pose.relative_pose import CellView, RelativePoses
 from convseq_ros.core.pose.shift import relative_yaw, shift_px
 from convseq_ros.core.recognizer import PlaceRecognizer

@@ -4,6 +4,8 @@
 
 from unittest.mock import Mock
 
+from convseq_ros.app.map_builder import build_map, MapBuilder
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, make_config
 from convseq_ros.core.map.edit import prune_looks
@@ -13,8 +15,6 @@ from convseq_ros.core.map.pruning import Pruning, STRETCH
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.map_builder import build_map, MapBuilder
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.types import Anchor, Candidate, Frame, Match, Reason
 from convseq_ros.errors import MapError
 from hypothesis import given, settings

@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 
+from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import (
     EncodingConfig,
     EVERY_FRAME,
@@ -15,7 +16,6 @@ from convseq_ros.config import (
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera, Frame, Reason, Status
 from convseq_ros.errors import ConfigError

@@ -5,9 +5,9 @@
 from dataclasses import replace
 import math
 
+from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import Config, EncodingConfig, OnlineConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import LocalizationState, Pose, Reason
 from convseq_ros.simulation.drive import Drive

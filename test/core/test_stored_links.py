@@ -5,6 +5,8 @@
 from contextlib import closing
 import sqlite3
 
+from convseq_ros.app.map_builder import not_linked
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.cli import main
 from convseq_ros.config import make_config
 from convseq_ros.core.map.autosave import Autosave
@@ -15,8 +17,6 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, slices_of, without
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.map_builder import not_linked
-from convseq_ros.core.pipeline import Pipeline
 import numpy as np
 import pytest
 

@@ -5,8 +5,8 @@
 import csv
 import json
 
+from convseq_ros.app.result_row import COLUMNS
 from convseq_ros.config import Config
-from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.errors import ConfigError, ConvseqError
 from convseq_ros.evaluation import bench, methods
 from convseq_ros.evaluation.bench import evaluate, Plan

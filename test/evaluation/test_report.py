@@ -11,8 +11,8 @@ import shutil
 import sys
 import xml.etree.ElementTree
 
+from convseq_ros.app.result_row import COLUMNS
 from convseq_ros.cli import main
-from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.report.page import write_report
 from convseq_ros.evaluation.report.shown import read_runs, right_to_show

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pictures of the demo, the report and ~/debug_image."""
 
+from convseq_ros.app.match_picture import match_picture
 from convseq_ros.core.map.image_coding import thumbnail
-from convseq_ros.core.match_picture import match_picture
 from convseq_ros.core.types import Candidate, Frame, Match, Reason
 from convseq_ros.evaluation import plots
 from convseq_ros.evaluation.plots import reduced

@@ -5,9 +5,9 @@
 import re
 import time
 
+from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import MapError, ModelError
 from convseq_ros.models.onnx_model import OnnxModel

@@ -5,7 +5,7 @@
 import os
 import threading
 
-from convseq_ros.core.pipeline import Pipeline
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.node import vpr_node
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState

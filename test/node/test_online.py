@@ -5,10 +5,10 @@
 import threading
 from unittest.mock import Mock
 
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import ConfigError
 from convseq_ros.node.conversions import CANDIDATE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus

@@ -8,9 +8,9 @@ import pytest
 
 pytest.importorskip('rosbags')
 
+from convseq_ros.app.result_row import COLUMNS
 from convseq_ros.cli import main
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.io.results import read_results
 from convseq_ros.simulation.drive import Drive, Shot

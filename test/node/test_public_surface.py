@@ -21,12 +21,12 @@ from typing import Any, get_args, get_type_hints
 from xml.etree import ElementTree
 
 import convseq_ros
+from convseq_ros.app.result_row import COLUMNS
 from convseq_ros.cli import COMMANDS, main
 from convseq_ros.config import core_parameters
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import parameters
 from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, TABLES
-from convseq_ros.core.result_row import COLUMNS
 from programs import run
 import pytest
 

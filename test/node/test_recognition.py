@@ -8,9 +8,9 @@ from pathlib import Path
 import shutil
 from unittest.mock import Mock
 
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config import make_config
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera, Match, Pose, Reason
 from convseq_ros.errors import ConvseqError, MapError

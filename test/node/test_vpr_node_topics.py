@@ -4,8 +4,8 @@
 
 import signal
 
+from convseq_ros.app.result_row import COLUMNS
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.result_row import COLUMNS
 from convseq_ros.io.results import read_results
 from convseq_ros.node.conversions import CANDIDATE, stamp_to_ns
 from diagnostic_msgs.msg import DiagnosticArray

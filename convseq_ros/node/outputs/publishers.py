@@ -6,8 +6,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from convseq_ros.app.match_picture import answer_picture
 from convseq_ros.config.node_config import NodeConfig
-from convseq_ros.core.match_picture import answer_picture
 from convseq_ros.core.pose.estimate import with_map_errors
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match, PoseEstimate

@@ -6,7 +6,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from convseq_ros.core.result_row import COLUMNS, row
+from convseq_ros.app.result_row import COLUMNS, row
 from convseq_ros.core.types import Match
 from convseq_ros.errors import ConfigError
 from convseq_ros.io.results import ResultWriter

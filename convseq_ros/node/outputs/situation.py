@@ -5,7 +5,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from convseq_ros.core.pipeline import Pipeline
+from convseq_ros.app.pipeline import Pipeline
 
 
 @dataclass(frozen=True, slots=True)

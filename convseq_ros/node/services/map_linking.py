@@ -6,8 +6,8 @@ from threading import Event, Thread
 import time
 from typing import Any
 
-from convseq_ros.core.map_builder import link_map, not_linked
-from convseq_ros.core.pipeline import Pipeline
+from convseq_ros.app.map_builder import link_map, not_linked
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.errors import with_traceback
 
 _PATIENCE_S = 5.0  # at the end, for the place that is being linked

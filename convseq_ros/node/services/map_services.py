@@ -10,11 +10,11 @@ from pathlib import Path
 import time
 from typing import TypeVar
 
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config.arguments import local
 from convseq_ros.core.map.format import is_map_or_empty
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.pipeline import Pipeline
 from convseq_ros.errors import MapError, NO_PLACES, one_line, with_traceback
 from convseq_ros.io.output_file import ANY, OutputFile
 from convseq_ros.node.qos import SERVICE_QOS

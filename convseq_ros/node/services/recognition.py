@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import time
 from typing import Any
 
-from convseq_ros.core.pipeline import Pipeline
+from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import (
     ConvseqError,

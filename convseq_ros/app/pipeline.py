@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from convseq_ros.app.cameras import Cameras
 from convseq_ros.config import Config, KeyframeConfig
-from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
