@@ -61,6 +61,9 @@ def run_until_signal(
         return _refuse(error, name)
     finally:
         try_shutdown()
+        for thread in threading.enumerate():
+            if not (thread.daemon or thread is threading.current_thread()):
+                thread.join()  # Python's own end would forbid it to start threads
     return 0
 
 

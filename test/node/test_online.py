@@ -162,7 +162,7 @@ def test_no_frame_is_dropped_while_maps_are_saved_and_loaded(
 
     stream(lambda: sent > 10)
     for module, name, kind, request in (
-        ('map_services.save_map', 'save_map', Trigger, Trigger.Request()),
+        ('services.map_services.save_map', 'save_map', Trigger, Trigger.Request()),
         ('vpr_node.Pipeline', 'load_map', LoadMap, LoadMap.Request(map_url=str(other))),
     ):
         target = f'convseq_ros.node.{module}'
