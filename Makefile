@@ -158,7 +158,7 @@ test-noble: .venv-noble/test.stamp
 
 .venv/board.stamp: $(SOURCES) | .venv/bin/python
 	$(CLEAN_BUILD)
-	.venv/$(INSTALL) '.[evaluation]'
+	.venv/$(INSTALL) .
 	touch $@
 
 .venv/test.needs: setup.py pyproject.toml | .venv/bin/python

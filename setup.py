@@ -94,8 +94,16 @@ setup(
     extras_require={
         # The unversioned wheel `ros-rclpy` would be a newer ROS than Jazzy.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-        'plot': ['matplotlib>=3.6'],  # charts of `convseq report`, picture of `convseq demo`
-        'evaluation': ['matplotlib>=3.6', 'scikit-image>=0.22'],  # plots, and the method hog
+        # page of `convseq replay --report`, picture of `convseq demo`
+        'plot': ['jinja2>=3.1', 'matplotlib>=3.6'],
+        # convseq evaluate; scikit-image is for the method hog
+        'evaluation': [
+            'jinja2>=3.1',
+            'matplotlib>=3.6',
+            'pandas>=2.1',
+            'scikit-image>=0.22',
+            'scikit-learn>=1.4',
+        ],
         'onnx': ['onnxruntime'],
         'fleet': ['distributed>=2026.1'],  # convseq fleet
         'slam': ['gtsam>=4.3'],  # pose_graph_node, convseq map link
@@ -103,8 +111,11 @@ setup(
             'distributed>=2026.1',
             "evo>=1.30; python_version >= '3.11'",
             'hypothesis>=6.98',
+            'jinja2>=3.1',
+            'matplotlib>=3.6',
             'onnx',
             'onnxruntime',
+            'pandas>=2.1',
             "pyhbst>=0.2; platform_machine == 'x86_64' and python_version < '3.14'",
             'pytest>=7.4',
             'pytest-timeout>=2.2',

@@ -4,7 +4,7 @@
 Measure, and write the tables of docs/RESULTS.md: `python docs/make_results.py --data-root DATA`.
 
 Only what stands between two comments of the page is replaced. Sets whose images are not there are
-left out. Everything measured stays in the run folder, from which `convseq report` makes a page.
+left out. Everything measured stays in the run folder, with a page of it.
 """
 
 import argparse
@@ -12,17 +12,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from convseq_ros.cli import main as convseq
+from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.data_set import DataSet, open_data_set, ready_made
 from convseq_ros.evaluation.provenance import short
-from convseq_ros.evaluation.run_folder import read_run, Run, write_text
+from convseq_ros.evaluation.run_folder import read_summaries, write_text
+from convseq_ros.evaluation.scorecard import Summary
 
 BEGIN, END = '<!-- written by make results -->', '<!-- end of what make results writes -->'
 OURS = 'ours'
 METHODS = {
     OURS: ('**ours**, sequences', 'convseq'),
     'verified': ('**ours**, single images, best of 10 by verification', 'verified'),
-    'driven': ('**ours**, single images, with the drive', 'convseq-k1+search=exhaustive'),
+    'driven': ('**ours**, single images, with the drive', 'convseq k=1 search=exhaustive'),
     'single': ('**ours**, single images, nothing but the image', 'single'),
     'paper': ("the paper's method, sequences", 'paper'),
     'cohog': ("CoHOG: the paper's pair score, single images", 'cohog'),
@@ -56,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         where = '--data-root', str(chosen.data_root), '--output', str(chosen.results / folder)
         return convseq(['evaluate', *sets, *asked, *more, *where]) if sets else 0
 
-    every = [f'{label}={kind}' for label, (_, kind) in METHODS.items()]
+    every = [f'{kind} label={label}' for label, (_, kind) in METHODS.items()]
     protocols = '--protocol', 'open', '--protocol', 'past'
     if evaluate('closed', real, [*every, 'published']) or evaluate(
         'open', decided, every[:1], *protocols
@@ -74,32 +76,34 @@ def _is_there(data_set: DataSet) -> bool:
     return all(path.exists() for path in paths if path)
 
 
+def _read(folder: Path) -> list[Summary]:
+    return read_summaries([folder], ReadingConfig())
+
+
 def _tables(results: Path) -> Iterable[str]:
-    decided = read_run(results / 'open')
-    first = decided[0].summary
+    decided = _read(results / 'open')
+    first = decided[0]
     versions = ', '.join(f'{name} {version}' for name, version in first['versions'].items())
     commit = short(first['commit'])
     yield f'Measured {first["date"][:10]} at {commit} on {first["machine"]["cpu"]}; {versions}.'
     if (results / 'closed').exists():
         yield '### Best answers'
-        yield from _accuracy(read_run(results / 'closed'))
+        yield from _accuracy(_read(results / 'closed'))
     yield '### Accepted matches'
-    shown = [run for run in decided if run.summary['known']]
+    shown = [run for run in decided if run['known']]
     yield _table(
         ('set', 'known', 'right', 'slips', 'false', 'first right match after'),
-        ([run.set, *_counts([run]), _first(run)] for run in shown),
+        ([run['set'], *_counts([run]), _first(run)] for run in shown),
     )
-    alone = [run for run in decided if not run.summary['known']]
+    alone = [run for run in decided if not run['known']]
     if alone:
-        frames, false = (
-            sum(run.summary[key] for run in alone) for key in ('queries', 'false_closures')
-        )
+        frames, false = (sum(run[key] for run in alone) for key in ('queries', 'false_closures'))
         yield (
             f'Drives that revisit nothing, each against its own past (`--protocol past`): {false} '
             f'false matches in {frames:,} frames of {len(alone)} drives.'
         )
     yield '### Confidence'
-    rows = pooled([told['as_shipped'] for run in decided if (told := run.summary['calibration'])])
+    rows = pooled([told['as_shipped'] for run in decided if (told := run['calibration'])])
     yield _table(
         ('confidence', 'frames', 'mean confidence, %', 'best place is right, %'),
         (
@@ -128,10 +132,10 @@ def pooled(tables: Iterable[Sequence[Mapping[str, float]]]) -> list[dict[str, fl
     return together
 
 
-def _accuracy(runs: Sequence[Run]) -> Iterable[str]:
+def _accuracy(runs: Sequence[Summary]) -> Iterable[str]:
     """Yield a table of methods by sets, and what published scores come to, single images."""
-    sets = dict.fromkeys(run.set for run in runs)
-    of = {(run.set, run.method): run for run in runs}
+    sets = dict.fromkeys(run['set'] for run in runs)
+    of = {(run['set'], run['method']): run for run in runs}
     used = [name for name in METHODS if any((one, name) in of for one in sets)]
     rows = (
         [METHODS[name][0], *(_right(of[one, name]) if (one, name) in of else '' for one in sets)]
@@ -140,7 +144,7 @@ def _accuracy(runs: Sequence[Run]) -> Iterable[str]:
     yield _table(('% right (95 % interval) of those with a candidate', *sets), rows)
     for one in sets:
         shares = ', '.join(
-            f'{name.removeprefix(_PUBLISHED)} {_percent(run.summary["accuracy_matched"])}'
+            f'{name.removeprefix(_PUBLISHED)} {_percent(run["accuracy_matched"])}'
             for (place, name), run in of.items()
             if place == one
             and name.startswith(_PUBLISHED)
@@ -150,20 +154,19 @@ def _accuracy(runs: Sequence[Run]) -> Iterable[str]:
             yield f'By scores that VPR-Bench published of {one}, single images, % right: {shares}.'
 
 
-def _right(run: Run) -> str:
-    told = run.summary
+def _right(told: Summary) -> str:
     low, high = told.get('accuracy_matched_low'), told.get('accuracy_matched_high')
     share = _percent(told['accuracy_matched'])
     return f'{share} ({_percent(low)}-{_percent(high)}) of {told["matched_known"]}'
 
 
-def _counts(runs: Iterable[Run]) -> list[str]:
+def _counts(runs: Iterable[Summary]) -> list[str]:
     keys = 'known', 'accepted_right', 'slips', 'false_closures'
-    return [f'{sum(run.summary[key] for run in runs):,}' for key in keys]
+    return [f'{sum(run[key] for run in runs):,}' for key in keys]
 
 
-def _first(run: Run) -> str:
-    frames = run.summary.get('frames_to_first_closure') or {}
+def _first(run: Summary) -> str:
+    frames = run.get('frames_to_first_closure') or {}
     return ', '.join('-' if one is None else str(one) for one in frames.values()) or '-'
 
 

@@ -80,7 +80,9 @@ TASKS = {
         'tutorials/pose_graph.md', 3, lambda clone: (clone / 'before_after.svg').is_file()
     ),
     'an own set against an own descriptor': Task(
-        'tutorials/own_network.md', 5, lambda clone: (clone / 'my_report.html').is_file()
+        'tutorials/own_network.md',
+        5,
+        lambda clone: (clone / 'my_results' / 'report.html').is_file(),
     ),
     'closures into GTSAM': Task(
         'tutorials/connect_a_back_end.md',

@@ -38,17 +38,21 @@ SETS = {  # of the columns of the second table
 }  # fmt: skip
 BEST = (  # answers: the row of the first table, the set and the methods
     ('best answer is right, single images', OTHER, ('single', 'cohog')),
-    ('with the drive; verified', OTHER, ('driven=convseq-k1+search=exhaustive', 'verified')),
+    (
+        'with the drive; verified',
+        OTHER,
+        ('convseq k=1 search=exhaustive label=driven', 'verified'),
+    ),
     ('sequences', OTHER, ('convseq', 'paper')),
 )
-WORDS = 'orb-bow+vocabulary=WORDS+levels=6+direct=4'  # its sets share keypoints to learn of
+WORDS = 'orb-bow vocabulary=WORDS levels=6 direct=4'  # its sets share keypoints to learn of
 METHODS = {
     'ORB, bag of words': ('orb-bow', WORDS),
-    'SIFT, VLAD': ('sift-vlad', 'sift-vlad+rows=0'),
+    'SIFT, VLAD': ('sift-vlad', 'sift-vlad rows=0'),
     'HBST': ('hbst',),
     '**ours**': ('convseq',),
 }  # fmt: skip
-NEEDLESS = ONE_DIRECTION, 'sift-vlad+rows=0'  # its images are large, and none is enlarged
+NEEDLESS = ONE_DIRECTION, 'sift-vlad rows=0'  # its images are large, and none is enlarged
 NO_HBST = '' if find_spec('pyhbst') else 'pyhbst is not installed, which is for x86-64'
 ALONE = {'OPENBLAS_NUM_THREADS': '1', 'OPENCV_FOR_THREADS_NUM': '1'}
 

@@ -30,8 +30,7 @@ from convseq_ros.cli.options import progress
 from convseq_ros.config import Config, make_config
 from convseq_ros.evaluation.data_set import DataSet, open_data_set, Part, TruthSource
 from convseq_ros.evaluation.material import Material, open_material
-from convseq_ros.evaluation.method_name import parse_method
-from convseq_ros.evaluation.methods import make_method
+from convseq_ros.evaluation.methods import make_method, parse_method
 from convseq_ros.evaluation.protocols import ONLINE, OPEN, Outcome, run_protocol
 from convseq_ros.evaluation.scorecard import first_closures, judge, Verdicts
 from convseq_ros.evaluation.truth import Truth
@@ -54,12 +53,12 @@ SETS = (
 NAMES = {
     'convseq': '**ours**',
     'orb-bow': 'orb-bow',
-    'orb-bow+vocabulary=DATA/road_1/images': 'orb-bow, words of another set',  # a street in no set
-    'orb-bow+vocabulary=WORDS+levels=6+direct=4': (
+    'orb-bow vocabulary=DATA/road_1/images': 'orb-bow, words of another set',  # a street in no set
+    'orb-bow vocabulary=WORDS levels=6 direct=4': (
         'orb-bow, 10^5 words of all other sets, direct index'
     ),
     'sift-vlad': 'sift-vlad',
-    'sift-vlad+rows=0': 'sift-vlad, images as they are',
+    'sift-vlad rows=0': 'sift-vlad, images as they are',
     'hbst': 'hbst',
     'seqslam': 'SeqSLAM',
     'cohog': 'CoHOG',

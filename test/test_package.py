@@ -31,8 +31,8 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 FOLDERS = 'bench', 'convseq_ros', 'examples', 'launch', 'scripts', 'test'
 HEADER = ['# Copyright 2026 The convseq_ros authors', '# SPDX-License-Identifier: Apache-2.0']
 OPTIONAL = (
-    'dask', 'distributed', 'lz4', 'matplotlib', 'mcap', 'pyhbst', 'rosbags', 'skimage', 'tqdm',
-    'yaml', 'zstandard',
+    'dask', 'distributed', 'jinja2', 'lz4', 'matplotlib', 'mcap', 'pandas', 'pyhbst', 'rosbags',
+    'skimage', 'sklearn', 'tqdm', 'yaml', 'zstandard',
 )  # fmt: skip
 # Refuses the first argument's packages, then imports every module of ours outside node/.
 IMPORT_WITHOUT = """

@@ -28,7 +28,7 @@ COMMANDS = {
     'fleet': 'build many maps in parallel, and recognise in all of them',
     'evaluate': 'measure methods on data sets with known truth',
     'demo': 'drive a street twice: map, live node, table and picture',
-    'report': 'turn results into one page: tables, charts, pairs of images',
+    'report': 'put the results of several evaluations in one table',
     'config': 'print every parameter with its default, ready to edit',
 }
 

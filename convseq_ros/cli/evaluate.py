@@ -15,20 +15,20 @@ from convseq_ros.evaluation.bench import DEFAULT_METHODS, evaluate, PAST, Plan, 
 from convseq_ros.evaluation.data_set import open_data_set, ready_made
 from convseq_ros.evaluation.methods import KINDS
 from convseq_ros.evaluation.protocols import CLOSED, OPEN
+from convseq_ros.evaluation.run_folder import REPORT
 from convseq_ros.evaluation.scorecard import CRITERIA
-from convseq_ros.evaluation.table import format_table, summary_rows
+from convseq_ros.evaluation.table import table_of
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    forms = [f'{name}:{kind.argument}' if kind.argument else name for name, kind in KINDS.items()]
     # A table of options reads better in few lines.
     # fmt: off
     parser.add_argument('sets', type=local, nargs='*', metavar='SET',
         help=f'data set: a YAML file, or one of {", ".join(ready_made())}')
     parser.add_argument('--method', action='append', metavar='METHOD',
-        help='[label=]KIND[-kN][@single|@dynamic|@kN][+option=value]..., KIND one of '
-        f'{", ".join(forms)}, or {PUBLISHED} for the score matrices that the set names; may be '
-        f'given more than once (default {" ".join(DEFAULT_METHODS)} {PUBLISHED})')
+        help=f"a name, one of {', '.join(KINDS)}, and options, such as 'convseq k=10 "
+        f"label=ours'; or {PUBLISHED} for the score matrices that the set names; may be given "
+        f"more than once (default {', '.join(DEFAULT_METHODS)}, {PUBLISHED})")
     parser.add_argument('--protocol', action='append', choices=(CLOSED, OPEN, PAST), help='the '
         'whole map, a part of it removed, or each drive against its own past; may be given more '
         'than once (default closed); a set without reference is always matched against its own '
@@ -39,9 +39,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
         'this first part of the map, such as 0.7, instead of the first, the last and the middle '
         'half in turn')
     parser.add_argument('--output', type=Path, default=Path('results'),
-        help='run folder to write (results)')
-    parser.add_argument('--export', type=Path, metavar='FOLDER', help='also write a JSON file per '
-        'method and set, for `convseq report A.json B.json`')
+        help=f'run folder to write, with its page {REPORT} (results)')
     parser.add_argument('--data-root', type=Path, default=Path(), help='where the folders of '
         'ready-made sets are (the present folder)')
     # fmt: on
@@ -65,12 +63,11 @@ def run(chosen: argparse.Namespace) -> int:
         protocols=tuple(dict.fromkeys(protocols)),
         keep=chosen.keep,
         criterion=chosen.criterion,
-        export=chosen.export,
         argv=tuple(sys.argv),
     )
     data_sets = [open_data_set(text, chosen.data_root, config.reading) for text in chosen.sets]
     summaries = evaluate(data_sets, config, plan, chosen.output, _say, warn)
-    print(json.dumps(summaries) if chosen.json else format_table(summary_rows(summaries)))
+    print(json.dumps(summaries) if chosen.json else table_of(summaries).to_string(index=False))
     return 0
 
 

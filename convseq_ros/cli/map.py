@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 import re
 
-from convseq_ros.cli import map_browse, map_link
+from convseq_ros.cli import map_link
 from convseq_ros.cli.info import describe_map, in_short
 from convseq_ros.cli.options import add_max_looks, add_verb, map_progress
 from convseq_ros.cli.outputs import add_output
@@ -46,9 +46,6 @@ def describe(parser: argparse.ArgumentParser) -> None:
         verbs, 'link', map_link.run, 'link places that show the same, and solve the poses'
     )
     map_link.describe(add)
-
-    text = 'write a page of the links, each with its pair of pictures'
-    map_browse.describe(add_verb(verbs, 'browse', map_browse.run, text))
 
     add = add_verb(verbs, 'unlink', _unlink, 'take links out of a map: all, unless some are named')
     add.add_argument('map', type=Path, help='replaced in one step, or not at all')
@@ -96,7 +93,7 @@ def _unlink(chosen: argparse.Namespace) -> None:
     reference_map = open_map(chosen.map)
     linked = {place for place, _ in reference_map.links}
     if unknown := {*chosen.place} - linked:
-        raise MapError(f'{chosen.map}: place {min(unknown)} has no link; see `convseq map browse`')
+        raise MapError(f'{chosen.map}: place {min(unknown)} has no link; name one that has')
     places = {*chosen.place}
     for wanted in chosen.session:
         places |= {*chosen_slice(sessions_of(chosen.map, reference_map), wanted).places}

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map as a picture: its drives as lines, sessions in colours, and its links as arcs."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import slices_of
-from convseq_ros.core.types import constants
+from convseq_ros.core.types import constants, Doubles
 from convseq_ros.errors import MapError, printable
 from convseq_ros.evaluation.plots import new_figure, save
 from convseq_ros.pose_graph.edges import Poses
@@ -33,7 +33,7 @@ def draw_map(path: Path, reference_map: ReferenceMap, name: Path) -> None:
     if not poses:
         raise MapError(f'{name}: the map has no poses to draw it by; build it with --odom')
     points = {at: np.array(pose.position[:2]) for at, pose in poses.items()}
-    _draw_drives((figure := new_figure(8, 6)).add_subplot(), reference_map, points)
+    draw_drives((figure := new_figure(8, 6)).add_subplot(), reference_map, points)
     save(figure, path)
 
 
@@ -42,26 +42,16 @@ def draw_solved(path: Path, reference_map: ReferenceMap, before: Poses, after: P
     figure = new_figure(12, 5)
     both = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, title, poses in zip(both, ('before', 'after'), (before, after), strict=True):
-        _draw_drives(axes, reference_map, {at: pose[:2, 3] for at, pose in poses.items()})
+        draw_drives(axes, reference_map, {at: pose[:2, 3] for at, pose in poses.items()})
         axes.set_title(title)
     figure.tight_layout()
     save(figure, path)
 
 
-def _draw_drives(axes: Any, reference_map: ReferenceMap, points: Points) -> None:
+def draw_drives(axes: Any, reference_map: ReferenceMap, points: Points) -> None:
     """Draw the drives and links of a map whose places lie at `points`."""
-    from matplotlib.collections import PathCollection
-    from matplotlib.path import Path as Curve
-
-    curves = []
-    for link in reference_map.links.each():
-        if link.place in points and link.other in points:
-            start, end = points[link.other], points[link.place]
-            x, y = end - start
-            aside = (start + end) / 2 + PICTURE.bent * np.array((-y, x))
-            curves.append(Curve([start, aside, end], [Curve.MOVETO, Curve.CURVE3, Curve.CURVE3]))
-    arcs = PathCollection(curves, facecolor='none', edgecolor='0.6', linewidth=0.5)
-    axes.add_collection(arcs)
+    ends = ((link.other, link.place) for link in reference_map.links.each())
+    draw_arcs(axes, ((points[a], points[b]) for a, b in ends if {a, b} <= points.keys()), '0.6')
     for part in (slices := slices_of(Path('session'), reference_map)):
         line = [points[at] for at in part.places if at in points]
         if line:
@@ -79,3 +69,16 @@ def _draw_drives(axes: Any, reference_map: ReferenceMap, points: Points) -> None
     axes.set_ylabel('y, m')
     if 1 < len(slices) <= PICTURE.named:
         axes.legend(fontsize='small')
+
+
+def draw_arcs(axes: Any, ends: Iterable[tuple[Doubles, Doubles]], color: str) -> None:
+    """Draw an arc from each start (2,) to its end (2,)."""
+    from matplotlib.collections import PathCollection
+    from matplotlib.path import Path as Curve
+
+    curves = []
+    for start, end in ends:
+        x, y = end - start
+        aside = (start + end) / 2 + PICTURE.bent * np.array((-y, x))
+        curves.append(Curve([start, aside, end], [Curve.MOVETO, Curve.CURVE3, Curve.CURVE3]))
+    axes.add_collection(PathCollection(curves, facecolor='none', edgecolor=color, linewidth=0.5))

@@ -106,7 +106,7 @@ def replay_chosen(
         )
     matches, durations = [], []
     poses = list[tuple[int, Pose]]()
-    report = ReplayReport(len(source)) if getattr(chosen, 'report', None) else None
+    report = ReplayReport() if getattr(chosen, 'report', None) else None
     with opened(chosen.output) as write:
 
         def listen(*answer: Any) -> None:

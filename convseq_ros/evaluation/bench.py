@@ -5,6 +5,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import hashlib
+import json
 from pathlib import Path
 
 from convseq_ros.config import Config, flatten, KeyframeConfig
@@ -12,18 +13,22 @@ from convseq_ros.config.parameter import parameters
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation import run_folder
 from convseq_ros.evaluation.data_set import DataSet
+from convseq_ros.evaluation.libraries import load
 from convseq_ros.evaluation.material import Material, open_material
-from convseq_ros.evaluation.method_name import MethodName, parse_method
-from convseq_ros.evaluation.methods import make_method, Method
+from convseq_ros.evaluation.methods import make_method, Method, MethodName, parse_method
 from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, run_protocol, VERSION
 from convseq_ros.evaluation.provenance import provenance
 from convseq_ros.evaluation.query_answers import overridden
+from convseq_ros.evaluation.report.page import Section, write_page
+from convseq_ros.evaluation.report.results import Result, section_of
 from convseq_ros.evaluation.scorecard import add_pcu, judge, summarize, Summary, threshold_figures
+from convseq_ros.evaluation.table import table_of
 import numpy as np
 
-DEFAULT_METHODS = ('convseq', 'convseq-k10', 'cohog', 'seqslam', 'hog')
+DEFAULT_METHODS = ('convseq', 'convseq k=10', 'cohog', 'seqslam', 'hog')
 PUBLISHED = 'published'
 PAST = 'past'
+_MADE = 'argv', 'versions', 'criterion', 'configuration', 'k_distribution'
 Report = Callable[[str], None]
 
 
@@ -38,7 +43,6 @@ class Plan:
     protocols: tuple[str, ...] = (CLOSED,)
     keep: float | None = None  # `open` keeps this share of the map, from its start
     criterion: str = 'score'  # threshold of the curves: score, margin or confidence
-    export: Path | None = None  # folder for one JSON file per method and set
     argv: tuple[str, ...] = ()  # the command, for the record
 
 
@@ -53,25 +57,35 @@ def evaluate(
     """
     Run every method on every set, write the run folder, and return the summaries.
 
-    `report` gets a line of progress, `warn` what is wrong with images.
+    `report` gets a line of progress, `warn` what is wrong with images. ConvseqError if a library
+    of the extra `evaluation` is missing.
     """
+    for library in ('jinja2', 'matplotlib', 'pandas', 'sklearn'):
+        load(library)
     names = [data_set.name for data_set in data_sets]
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(f'{name}: two data sets have this name; rename one')
-    summaries: list[Summary] = []
+    summaries, sections = list[Summary](), list[Section]()
     for data_set in data_sets:
-        protocols: tuple[str, ...] = plan.protocols
+        asked = [(data_set, protocol) for protocol in plan.protocols if protocol != PAST]
         if data_set.online:
-            protocols = (ONLINE,)
-        elif PAST in protocols:
-            for past in data_set.past_data_sets:
-                summaries += _measure_set(past, (ONLINE,), config, plan, output, report, warn)
-        protocols = tuple(protocol for protocol in protocols if protocol != PAST)
-        summaries += _measure_set(data_set, protocols, config, plan, output, report, warn)
+            asked = [(data_set, ONLINE)]
+        elif PAST in plan.protocols:
+            asked = [*((past, ONLINE) for past in data_set.past_data_sets), *asked]
+        for one, protocol in asked:
+            found, section = _measure_set(one, protocol, config, plan, output, report, warn)
+            summaries += found
+            sections.append(section)
     run_folder.write_summary_table(output, summaries)
-    if plan.export is not None:
-        run_folder.write_exports(plan.export, summaries)
+    table = table_of(summaries).to_html(index=False, border=0)
+    made = {
+        f'{one["set"]} / {one["method"]}': json.dumps({key: one[key] for key in _MADE}, indent=1)
+        for one in summaries
+    }
+    title = 'Place recognition: ' + ', '.join(names)
+    facts = f'{summaries[0]["date"][:10]} · {summaries[0]["machine"]["cpu"]}'
+    write_page(output / run_folder.REPORT, title, facts, sections, made, table)
     return summaries
 
 
@@ -82,7 +96,8 @@ def method_names(texts: Sequence[str], data_set: DataSet) -> list[MethodName]:
         if text == PUBLISHED:
             for label, path in data_set.published.items():
                 for suffix, length in (('', 1), ('-k10', 10), ('-dynamic', 0)):
-                    names.append(MethodName(label + suffix, 'scores', str(path), length))
+                    options = {'file': str(path)}
+                    names.append(MethodName(label + suffix, 'scores', options, length))
         else:
             names.append(parse_method(text))
     if not names:
@@ -90,7 +105,7 @@ def method_names(texts: Sequence[str], data_set: DataSet) -> list[MethodName]:
     labels = [name.label for name in names]
     for label in labels:
         if labels.count(label) > 1:
-            raise ConfigError(f'{label}: two methods have this label; write a label before =')
+            raise ConfigError(f'{label}: two methods have this label; add label=NAME')
     of_growing_maps = () if data_set.online else {item.name for item in parameters(KeyframeConfig)}
     for name in names:
         for idle in name.options.keys() & of_growing_maps:
@@ -103,60 +118,55 @@ def method_names(texts: Sequence[str], data_set: DataSet) -> list[MethodName]:
 
 def _measure_set(
     data_set: DataSet,
-    protocols: Sequence[str],
+    protocol: str,
     config: Config,
     plan: Plan,
     output: Path,
     report: Report,
     warn: Report,
-) -> list[Summary]:
-    summaries: list[Summary] = []
-    if not protocols:
-        return summaries
+) -> tuple[list[Summary], Section]:
     config = overridden(config, {'mode': 'online' if data_set.online else 'preloaded'})
     methods = [make_method(name, config) for name in method_names(plan.methods, data_set)]
     report(f'{data_set.name}: reading images')
     material = open_material(data_set, config.encoding, config.reading)
     for line in dict.fromkeys([*material.query.warnings, *material.reference.warnings]):
         warn(line)
-    base = output / data_set.name
-    run_folder.write_set(base, material)
-    if protocols == (OPEN,):
-        _describe_set(base, CLOSED, material)
-    for protocol in protocols:
-        name = f'{data_set.name}-open' if protocol == OPEN else data_set.name
-        _describe_set(output / name, protocol, material, plan.keep)
-        own = list[Summary]()
-        for method in methods:
-            report(f'{name}: {method.name.label}')
-            own.append(_measure(material, method, protocol, output / name, plan))
-        add_pcu(own)
-        for summary in own:  # with it, the run of a method is complete
-            run_folder.write_json(output / name / summary['method'] / 'summary.json', summary)
-        summaries += own
-    return summaries
+    name = f'{data_set.name}-open' if protocol == OPEN else data_set.name
+    results = []
+    for method in methods:
+        report(f'{name}: {method.name.label}')
+        results.append(_measure(material, method, protocol, name, plan))
+    summaries = [one.summary for one in results]
+    add_pcu(summaries)
+    for one in results:
+        folder = output / name / one.summary['method']
+        run_folder.write_run(folder, one.outcome, one.verdicts, one.summary)
+    return summaries, section_of(material, config.encoding, results)
 
 
-def _measure(
-    material: Material, method: Method, protocol: str, folder: Path, plan: Plan
-) -> Summary:
+def _measure(material: Material, method: Method, protocol: str, name: str, plan: Plan) -> Result:
     outcome = run_protocol(material, method, protocol, plan.keep)
     verdicts = judge(outcome)
     answerable = int((verdicts.matched & verdicts.known).sum())
-    curve = verdicts.curve(plan.criterion, answerable)
+    data_set, removed = material.data_set, ''
+    if protocol == OPEN:
+        removed = ', half of the map removed'
+        if plan.keep is not None:
+            removed = f', first {plan.keep:.0%} of the map kept'
     summary = {
-        'set': folder.name,
+        'set': name,
+        'title': data_set.title + removed,
         'method': method.name.label,
         'protocol_version': VERSION,
         'images': {
             'query': material.query.sha256,
-            'reference': None if material.data_set.online else material.reference.sha256,
+            'reference': None if data_set.online else material.reference.sha256,
         },
         'truth': hashlib.sha256(np.packbits(outcome.right).tobytes()).hexdigest(),
+        'references': outcome.right.shape[1],
         **summarize(outcome, verdicts, plan.criterion),
         'configuration': {
             'kind': method.name.kind,
-            'argument': method.name.argument,
             'options': dict(method.name.options),
             **flatten(method.config),
         },
@@ -164,32 +174,4 @@ def _measure(
         'argv': list(plan.argv),
         **threshold_figures(verdicts, outcome.halves),
     }
-    run_folder.write_run(folder / method.name.label, outcome, verdicts, curve)
-    return summary
-
-
-def _describe_set(
-    folder: Path, protocol: str, material: Material, keep: float | None = None
-) -> None:
-    data_set, removed = material.data_set, ''
-    if protocol == OPEN:
-        removed = ', half of the map removed'
-        if keep is not None:
-            removed = f', first {keep:.0%} of the map kept'
-    queries, references = material.truth.right.shape
-    description = {
-        'name': folder.name,
-        'title': data_set.title + removed,
-        'protocol': protocol,
-        'truth': data_set.truth.kind,
-        'tolerance': data_set.truth.tolerance,
-        'radius_m': data_set.truth.radius_m or None,
-        'exclude_recent': data_set.exclude_recent if data_set.online else None,
-        'queries': queries,
-        'references': references,
-        'query': str(data_set.query),
-        'reference': str(data_set.reference) if data_set.reference else None,
-        'source': data_set.source,
-        'base': data_set.name if protocol == OPEN else None,
-    }
-    run_folder.write_json(folder / 'set.json', description)
+    return Result(summary, outcome, verdicts, verdicts.curve(plan.criterion, answerable))

@@ -6,8 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.util import find_spec
+import math
 from pathlib import Path
+import re
+import shlex
 import time
+from typing import TypeVar
 
 from convseq_ros.baselines import seqslam
 from convseq_ros.baselines.local_features import ROWS
@@ -24,7 +28,6 @@ from convseq_ros.evaluation.given_files import read_descriptors, read_scores
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.images import described, Images
 from convseq_ros.evaluation.material import Material
-from convseq_ros.evaluation.method_name import MethodName
 from convseq_ros.evaluation.query_answers import (
     After,
     alone,
@@ -38,6 +41,7 @@ from convseq_ros.models.onnx_model import OnnxModel
 import numpy as np
 import numpy.typing as npt
 
+Number = TypeVar('Number', int, float)
 Gray = npt.NDArray[np.uint8]
 Vectors = npt.NDArray[np.float32]  # (N, n), a descriptor an image
 # The recogniser takes the scores of a baseline, and accepts every best candidate.
@@ -49,6 +53,56 @@ _GIVEN: Mapping[str, Value] = {
 
 
 @dataclass(frozen=True, slots=True)
+class MethodName:
+    """A method as requested: a name and its options."""
+
+    label: str  # for tables and folders
+    kind: str  # key of `KINDS`
+    options: Mapping[str, str] = field(default_factory=dict)  # and core parameters
+    length: int | None = None  # k: 0 for dynamic, None for the method's default
+
+    def number(
+        self, kind: Callable[[str], Number], key: str, default: Number, least: float = -math.inf
+    ) -> Number:
+        """Return an option, a number of at least `least`; ConfigError for any other text."""
+        text = self.options.get(key, str(default))
+        try:
+            number = kind(text)
+        except ValueError:
+            raise ConfigError(f'method {self.label}: {key} is not a number: {text!r}') from None
+        if number < least:
+            raise ConfigError(f'method {self.label}: {key} is {text}; give at least {least:g}')
+        return number
+
+
+def parse_method(text: str) -> MethodName:
+    """
+    Parse a name and options, such as `convseq k=10 label=ours`; ConfigError if unclear.
+
+    `label` is by default the name with the values of the options; `k` is a number or `dynamic`.
+    """
+    try:
+        kind, *words = shlex.split(text)
+        options = dict(word.split('=', 1) for word in words)
+    except ValueError:
+        raise ConfigError(
+            f'method {text!r}: expected a name and options, for example convseq, '
+            "'convseq k=10' or 'scores file=net.npy k=dynamic label=net'"
+        ) from None
+    parts = [f'{key * value.isdigit()}{value}' for key, value in options.items()]
+    label = options.pop('label', '') or re.sub(r'[^\w.-]+', '_', '-'.join([kind, *parts]))
+    if not re.fullmatch(r'\w[\w.-]*', label):
+        raise ConfigError(
+            f'method {text!r}: label {label!r} is no folder name; use letters, digits'
+        )
+    length = options.pop('k', None)
+    if length not in (None, 'dynamic') and not str(length).isdigit():
+        raise ConfigError(f'method {label}: k is a number or dynamic, not {length!r}')
+    k = None if length is None else 0 if length == 'dynamic' else int(length)
+    return MethodName(label, kind, options, k)
+
+
+@dataclass(frozen=True, slots=True)
 class Kind:
     """A row of the registry."""
 
@@ -56,7 +110,7 @@ class Kind:
     length: int | None = 1  # default k, as in `MethodName`
     settings: Mapping[str, Value] = field(default_factory=dict)  # required core parameters
     options: tuple[str, ...] = ()  # options of the method
-    argument: str = ''  # text after the colon; empty if there is none
+    files: tuple[str, ...] = ()  # options that it needs
     takes_length: bool = True  # whether another k makes sense
     recognizer: bool = False  # whether the online recogniser decides
     after: After | None = None  # as in `recognize`
@@ -97,21 +151,26 @@ def make_method(name: MethodName, config: Config) -> Method:
     module, package = kind.needs
     if module and find_spec(module) is None:
         raise ConfigError(f'method {name.label}: needs {package}; {pip_install(package)}')
-    if bool(kind.argument) != bool(name.argument):
-        expected = f'{name.kind}:{kind.argument}' if kind.argument else name.kind
-        raise ConfigError(f'method {name.label}: expected {expected}')
+    for needed in kind.files:
+        if needed not in name.options:
+            raise ConfigError(f'method {name.label}: add {needed}=FILE')
     if not kind.takes_length and name.length not in (None, kind.length):
         raise ConfigError(f'method {name.label}: {name.kind} takes no k; leave it out')
     # The set says whether the map grows.
     core = {item.name: item for item in core_parameters() if item.name != 'mode'}
-    known = [*kind.options, *core]
+    own = (*kind.files, *kind.options)
+    known = [*own, *core]
     refuse_unknown(name.options, known, f'method {name.label}: unknown option')
     values = {
         option: core[option].parse(text)
         for option, text in name.options.items()
-        if option not in kind.options
+        if option not in own
     }
     length = kind.length if name.length is None else name.length
+    if 'ds' in name.options:
+        if name.length is not None:
+            raise ConfigError(f'method {name.label}: give ds, or k for our sequences, not both')
+        length = name.number(int, 'ds', seqslam.LENGTH, 1)
     if length is not None:
         values.setdefault('fixed_length', length)
     chosen = overridden(config, {**kind.settings, **values})
@@ -142,7 +201,8 @@ def _hog(material: Material, _name: MethodName, _config: Config) -> PairScores:
 
 
 def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
-    model = OnnxModel(Path(name.argument), config.reading, name.options)
+    how = {key: value for key, value in name.options.items() if key != 'file'}
+    model = OnnxModel(Path(name.options['file']), config.reading, how)
     return _by_cosine(*_descriptors(material, model, model.wants_color))
 
 
@@ -165,23 +225,15 @@ def _given_scores(material: Material, name: MethodName, config: Config) -> PairS
     if lower not in ('true', 'false'):
         raise ConfigError(f'method {name.label}: lower_is_better is true or false, not {lower!r}')
     queries, references = material.truth.right.shape
-    scores = read_scores(Path(name.argument), queries, references, config.reading)
+    scores = read_scores(Path(name.options['file']), queries, references, config.reading)
     return PairScores(-scores if lower == 'true' else scores)
 
 
 def _given_descriptors(material: Material, name: MethodName, config: Config) -> PairScores:
-    paths = name.argument.split(',')
-    shape = material.truth.right.shape
-    if len(paths) != (1 if material.data_set.online else 2):
-        raise ConfigError(
-            f'method {name.label}: expected descriptors:QUERY.npy,REFERENCE.npy '
-            '(one file for a drive against its own past)'
-        )
-    query, *rest = (
-        read_descriptors(Path(path), count, config.reading)
-        for path, count in zip(paths, shape, strict=False)
-    )
-    reference = rest[0] if rest else query
+    queries, references = material.truth.right.shape
+    query = read_descriptors(Path(name.options['query']), queries, config.reading)
+    path = name.options.get('reference', name.options['query'])
+    reference = read_descriptors(Path(path), references, config.reading)
     if query.shape[1] != reference.shape[1]:
         raise ConfigError(
             f'method {name.label}: descriptors of {query.shape[1]} and {reference.shape[1]} '
@@ -234,12 +286,12 @@ KINDS: Mapping[str, Kind] = {
     'verified': _single(after=verified),
     'paper': Kind(_core, None, PAPER, recognizer=True),
     'cohog': Kind(_core, 1, PAPER, recognizer=True),
-    'seqslam': _baseline(_seqslam, seqslam.LENGTH),
+    'seqslam': _baseline(_seqslam, seqslam.LENGTH, options=('ds',)),
     'hog': _baseline(_hog, needs=('skimage', 'scikit-image')),
     'orb-bow': _peer_of(_peer, options=peers.OPTIONS + peers.TREE_OPTIONS),
     'sift-vlad': _peer_of(_peer, options=peers.OPTIONS),
     'hbst': _peer_of(_hbst, options=('rows',), needs=('pyhbst', 'pyhbst')),
-    'scores': _baseline(_given_scores, argument='FILE.npy', options=('lower_is_better',)),
-    'descriptors': _baseline(_given_descriptors, argument='QUERY.npy,REFERENCE.npy'),
-    'onnx': _baseline(_onnx, argument='MODEL.onnx', options=('size', 'mean', 'scale', 'color')),
+    'scores': _baseline(_given_scores, files=('file',), options=('lower_is_better',)),
+    'descriptors': _baseline(_given_descriptors, files=('query',), options=('reference',)),
+    'onnx': _baseline(_onnx, files=('file',), options=('size', 'mean', 'scale', 'color')),
 }

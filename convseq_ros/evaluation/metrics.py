@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 
+from convseq_ros.evaluation.libraries import load
 import numpy as np
 import numpy.typing as npt
 
@@ -19,9 +20,8 @@ _LEVEL = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Precision and recall of the answers at or above each of T thresholds."""
+    """Precision and recall of the answers at or above each of T thresholds, which fall."""
 
-    threshold: Values  # (T,), falling
     precision: Values  # (T,)
     recall: Values  # (T,), rising; NaN without positives
 
@@ -33,18 +33,21 @@ def share(part: int, total: int) -> float | None:
 
 def precision_recall(correct: Flags, values: Values, positives: int | None = None) -> Curve:
     """
-    Return the exact precision-recall curve.
+    Return the exact precision-recall curve, by scikit-learn.
 
-    `correct` (M,) flags the right answers, `values` (M,) are the values to threshold. `positives`
-    is the denominator of recall, by default the number of right answers.
+    `correct` (M,) flags the right answers, `values` (M,) are the values to threshold, -inf for
+    none. `positives` is the denominator of recall, by default the number of right answers.
     """
-    order = np.argsort(-values, kind='stable')
-    falling = values[order]
-    last_of_tie = np.flatnonzero(np.append(falling[1:] != falling[:-1], len(falling) > 0))
-    right = np.cumsum(correct[order])[last_of_tie]
-    total = int(correct.sum()) if positives is None else positives
-    recall = right / total if total else np.full(len(right), np.nan)
-    return Curve(falling[last_of_tie], right / (last_of_tie + 1), recall)
+    right = int(correct.sum())
+    total = right if positives is None else positives
+    if not right:
+        number = min(1, len(correct))
+        return Curve(np.zeros(number), np.full(number, 0.0 if total else np.nan))
+    finite = np.nan_to_num(values, neginf=np.finfo(np.float64).min)
+    with load('sklearn').config_context(assume_finite=True, skip_parameter_validation=True):
+        curve = load('sklearn.metrics').precision_recall_curve(correct, finite)
+    precision, recall = (column[-2::-1] for column in curve[:2])  # without the point at recall 0
+    return Curve(precision, recall * right / total)
 
 
 def average_precision(curve: Curve) -> float | None:

@@ -89,25 +89,36 @@ def judge(outcome: Outcome) -> Verdicts:
     )
 
 
-def figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]:
+def shares(verdicts: Verdicts) -> dict[str, float | None]:
     """
-    Return the figures that depend on the frames alone; None where a figure is undefined.
+    Return the shares of right answers; None where a share is undefined.
 
-    `auc_pr` is the area under the precision-recall curve of the matched frames, recall over the
-    right matches, as in scikit-learn and VPR-Bench; 0 if no match is right. At a recall of 100 %
-    every answer is taken.
+    At a recall of 100 % every answer is taken.
     """
-    answerable = int((verdicts.matched & verdicts.known).sum())
     right = int(verdicts.correct.sum())
-    known_curve = verdicts.curve(criterion, answerable)
-    area = metrics.average_precision(verdicts.curve(criterion))
     taken = int(verdicts.matched.sum()) if verdicts.known.any() else 0
     return {
-        'accuracy_matched': metrics.share(right, answerable),
+        'accuracy_matched': metrics.share(right, int((verdicts.matched & verdicts.known).sum())),
         'accuracy_all': metrics.share(right, int(verdicts.known.sum())),
-        'auc_pr': area if right or not verdicts.known.any() else 0.0,
-        'recall_at_100_precision': metrics.recall_at_full_precision(known_curve),
         'precision_at_100_recall': metrics.share(right, taken),
+    }
+
+
+def curve_figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]:
+    """
+    Return the figures of the curves; None where a figure is undefined.
+
+    `auc_pr` is the area under the precision-recall curve of the matched frames, recall over the
+    right matches, as in scikit-learn and VPR-Bench; 0 if no match is right.
+    """
+    answerable = int((verdicts.matched & verdicts.known).sum())
+    area = metrics.average_precision(verdicts.curve(criterion))
+    is_zero = verdicts.known.any() and not verdicts.correct.any()
+    return {
+        'auc_pr': 0.0 if is_zero else area,
+        'recall_at_100_precision': metrics.recall_at_full_precision(
+            verdicts.curve(criterion, answerable)
+        ),
     }
 
 
@@ -200,15 +211,13 @@ def ranked(outcome: Outcome) -> SequenceScores:
 
 
 def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> Summary:
-    """Return every figure of one method on one set, with 95 % intervals of the main ones."""
+    """Return every figure of one method on one set, with 95 % intervals of the shares."""
     lengths = verdicts.lengths[verdicts.lengths > 0]
     count, halves = len(outcome.query), range(0, len(verdicts.matched), len(outcome.query))
     # The parts of a map are asked the same frames, so a frame is chosen in all of them.
     intervals = metrics.block_intervals(
         count,
-        lambda chosen: figures(
-            verdicts.of(np.concatenate([chosen + first for first in halves])), criterion
-        ),
+        lambda chosen: shares(verdicts.of(np.concatenate([chosen + first for first in halves]))),
     )
     recalls = metrics.recall_at(ranked(outcome), outcome.right, RECALL_COUNTS)
     counts = Counter(lengths.tolist())
@@ -223,7 +232,8 @@ def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> Summary:
         'matched': int(verdicts.matched.sum()),
         'matched_known': int((verdicts.matched & verdicts.known).sum()),
         'correct': int(verdicts.correct.sum()),
-        **figures(verdicts, criterion),
+        **shares(verdicts),
+        **curve_figures(verdicts, criterion),
         **{
             f'{name}_{end}': value
             for name, interval in intervals.items()
@@ -231,7 +241,7 @@ def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> Summary:
         },
         **{f'recall_at_{count}': value for count, value in recalls.items()},
         'recall_at_100_precision_by': {
-            name: figures(verdicts, name)['recall_at_100_precision']
+            name: curve_figures(verdicts, name)['recall_at_100_precision']
             for name, values in verdicts.values.items()
             if not np.isnan(values).all()
         },

@@ -10,8 +10,7 @@ from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation import methods
 from convseq_ros.evaluation.data_set import DataSet, Part, TruthSource
 from convseq_ros.evaluation.material import open_material
-from convseq_ros.evaluation.method_name import parse_method
-from convseq_ros.evaluation.methods import make_method
+from convseq_ros.evaluation.methods import make_method, parse_method
 from convseq_ros.evaluation.peers import verified_best
 import cv2
 import numpy as np
@@ -67,7 +66,7 @@ def drive(folder, images):
     return Part(folder)
 
 
-def rows(data_set, text='hbst+rows=0'):
+def rows(data_set, text='hbst rows=0'):
     material = open_material(data_set, Config().encoding)
     return make_method(parse_method(text), Config()).rows(material)
 
@@ -89,7 +88,7 @@ def test_hbst_finds_the_place_and_verifies_it(textures, tmp_path):
     assert [one.reference for one in found[1:]] == [0, 1, 2]
     assert min(one.inliers for one in found[1:]) > 50 > found[0].inliers
     with pytest.raises(ConfigError, match="rows is not a number: 'low'"):
-        rows(data_set, 'hbst+rows=low')
+        rows(data_set, 'hbst rows=low')
 
 
 @needs_pyhbst

@@ -4,10 +4,16 @@
 
 import hashlib
 import json
+import re
+import sys
 
 from convseq_ros.cli import main
+from convseq_ros.evaluation.libraries import load
 from pictures import picture, written
 import pytest
+
+for name in ('jinja2', 'matplotlib', 'pandas', 'sklearn'):
+    pytest.importorskip(name)
 
 OPTIONS = ['--image-size-px', '128']
 
@@ -38,13 +44,9 @@ def test_a_table_is_printed_and_the_folder_written(street, capsys):
     assert (street.parent / 'out' / 'summary.csv').exists()
 
 
-def test_exports_of_several_people_are_put_in_one_table(street, capsys):
-    folder = street.parent / 'mine'
-    assert (
-        evaluate(street, street, '--method', 'cohog', '--method', 'hog', '--export', folder) == 0
-    )
-    files = sorted(folder.iterdir())
-    assert [path.name for path in files] == ['street-cohog.json', 'street-hog.json']
+def test_results_of_several_people_are_put_in_one_table(street, capsys):
+    assert evaluate(street, street, '--method', 'cohog', '--method', 'hog') == 0
+    files = [*(street.parent / 'out' / 'street').glob('*/summary.json')]
     one = json.loads(files[0].read_text())
     assert one['protocol_version'] == 2 and one['accuracy_all'] == 1
     assert one['images']['query'] == one['images']['reference']
@@ -54,7 +56,7 @@ def test_exports_of_several_people_are_put_in_one_table(street, capsys):
     )
     assert one['images']['query'] == hashlib.sha256(listing.encode()).hexdigest()
     table = capsys.readouterr().out
-    assert main(['report', *map(str, files)]) == 0
+    assert main(['report', str(street.parent / 'out')]) == 0
     assert capsys.readouterr().out == table
 
 
@@ -66,8 +68,7 @@ def test_exports_of_several_people_are_put_in_one_table(street, capsys):
         ({'truth': 'other'}, 'b.json: street has another truth, or part of the map, than'),
         ({'criterion': 'margin'}, 'b.json: street has another criterion than in the results'),
         ({'set': None, 'images': None}, ''),
-        ({'auc_pr': 'high'}, "not an export of `convseq evaluate` ('high' is not a figure)"),
-        (None, 'b.json: not an export of `convseq evaluate`'),
+        (None, 'b.json: no summary of `convseq evaluate`'),
     ],
 )
 def test_figures_that_cannot_be_compared_are_refused_in_one_line(
@@ -87,3 +88,28 @@ def test_without_a_data_set_the_known_ones_are_named_in_one_line(street, capsys)
     (line,) = capsys.readouterr().err.splitlines()
     told = 'convseq evaluate: no data set; give a YAML file or one of alderley'
     assert line.startswith(told)
+
+
+def test_a_page_of_each_set_has_table_figures_and_pairs(street):
+    assert evaluate(street, street, '--method', 'cohog', '--method', 'hog') == 0
+    text = (street.parent / 'out' / 'report.html').read_text('utf-8')
+    assert '<td>cohog</td>' in text and text.count('class="chart"') == 3
+    for method in ('cohog', 'hog'):
+        assert f'<summary>{method}: right: 8</summary>' in text
+    assert text.count('class="pair"') == 16 and text.count('image/jpeg') == 48
+    addresses = re.findall(r'(?:src|href)="([^"]*)', text)
+    assert addresses and all(one.startswith('data:') for one in addresses)
+
+
+@pytest.mark.parametrize(
+    ('module', 'package'),
+    [('pandas', 'pandas'), ('sklearn', 'scikit-learn'), ('jinja2', 'jinja2')],
+)
+def test_a_missing_library_is_named_in_one_line(street, monkeypatch, capsys, module, package):
+    load.cache_clear()
+    monkeypatch.setitem(sys.modules, module, None)
+    assert evaluate(street, street, '--method', 'cohog') == 1
+    told = capsys.readouterr().err
+    assert told.startswith(f'convseq evaluate: evaluation needs {package}: ')
+    assert 'pip install' in told and told.count('\n') == 1
+    load.cache_clear()

@@ -51,10 +51,9 @@ CASES = [
     ('map link m.db --picture p.xyz', '--picture: p.xyz', FIGURE),
     ('map link m.db -o none/new.db', '--output: none/new.db', 'there is no folder'),
     ('map merge m.db other.db -o none/new.db', '--output: none/new.db', 'there is no folder'),
-    ('map browse m.db -o m.db', '--output: m.db', ANOTHER),
     ('info m.db --picture p', '--picture: p', FIGURE),
     ('info drive --picture a.png', '--picture: draws', 'a map; name one instead of drive'),
-    ('report results --output set.yaml', '--output: set.yaml', PAGE),
+    (f'{REPLAY} --report set.yaml', '--report: set.yaml', PAGE),
 ]
 
 

@@ -19,11 +19,12 @@ from convseq_ros.evaluation.metrics import (
 from convseq_ros.evaluation.protocols import Outcome
 from convseq_ros.evaluation.scorecard import (
     add_pcu,
+    curve_figures,
     decisions,
-    figures,
     first_closures,
     judge,
     ranked,
+    shares,
     summarize,
     threshold_figures,
     Verdicts,
@@ -31,6 +32,12 @@ from convseq_ros.evaluation.scorecard import (
 from hypothesis import given, settings, strategies
 import numpy as np
 import pytest
+
+pytest.importorskip('sklearn', reason='needs scikit-learn')
+
+
+def figures(found, criterion):
+    return shares(found) | curve_figures(found, criterion)
 
 
 def flags(*values):
@@ -43,7 +50,7 @@ def numbers(*values):
 
 def test_without_answers_the_curve_is_empty_and_has_no_figures():
     curve = precision_recall(flags(), numbers())
-    assert len(curve.threshold) == 0
+    assert len(curve.recall) == 0
     assert average_precision(curve) is None
     assert recall_at_full_precision(curve) is None
 
@@ -53,6 +60,7 @@ answers = strategies.lists(
 )
 
 
+@settings(deadline=None)
 @given(answers)
 def test_the_threshold_above_all_wrong_answers_gives_full_precision(given_answers):
     correct, values = (np.array(column) for column in zip(*given_answers, strict=True))
@@ -64,26 +72,16 @@ def test_the_threshold_above_all_wrong_answers_gives_full_precision(given_answer
         assert recall == pytest.approx(taken.sum() / correct.sum())
 
 
-@pytest.fixture(scope='module')
-def metrics():
-    return pytest.importorskip('sklearn.metrics', reason='needs scikit-learn')
-
-
 @settings(deadline=None)
 @given(answers)
-def test_average_precision_and_curve_are_those_of_scikit_learn(metrics, given_answers):
+def test_the_curve_has_a_point_for_each_distinct_value(given_answers):
     correct, values = (np.array(column) for column in zip(*given_answers, strict=True))
-    values = values.astype(float)
     if not correct.any():
         return
-    curve = precision_recall(correct, values)
-    assert average_precision(curve) == pytest.approx(
-        metrics.average_precision_score(correct, values)
-    )
-    precision, recall, threshold = metrics.precision_recall_curve(correct, values)
-    assert curve.threshold.tolist() == threshold[::-1].tolist()
-    assert curve.precision.tolist() == pytest.approx(precision[:-1][::-1].tolist())
-    assert curve.recall.tolist() == pytest.approx(recall[:-1][::-1].tolist())
+    curve = precision_recall(correct, values.astype(float), 50)
+    taken = [values >= one for one in sorted({*values.tolist()}, reverse=True)]
+    assert curve.precision.tolist() == pytest.approx([correct[one].mean() for one in taken])
+    assert curve.recall.tolist() == pytest.approx([correct[one].sum() / 50 for one in taken])
 
 
 @pytest.mark.parametrize(

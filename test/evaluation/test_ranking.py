@@ -11,8 +11,7 @@ from convseq_ros.core.decision.paper.length import choose_length
 from convseq_ros.core.decision.paper.pair_score import PaperSimilarity
 from convseq_ros.core.types import Reason
 from convseq_ros.evaluation.given_scores import PairScores, rank_references, recognize_given
-from convseq_ros.evaluation.method_name import MethodName, parse_method
-from convseq_ros.evaluation.methods import Kind, make_method, Method
+from convseq_ros.evaluation.methods import Kind, make_method, Method, MethodName, parse_method
 from convseq_ros.evaluation.peers import peer_scores
 from convseq_ros.evaluation.protocols import OPEN, run_protocol
 from convseq_ros.evaluation.query_answers import overridden, recognize

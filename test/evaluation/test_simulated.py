@@ -78,10 +78,12 @@ def test_backwards_the_last_image_comes_first_at_the_same_pace(street):
 
 
 def test_each_drive_of_a_set_against_its_own_past_revisits_nothing(street, quick, tmp_path):
+    for name in ('jinja2', 'matplotlib', 'pandas', 'sklearn'):
+        pytest.importorskip(name)
     summaries = evaluate(
         [open_data_set(str(street.file))],
         quick,
-        Plan(('convseq-k3',), protocols=('past',)),
+        Plan(('convseq k=3',), protocols=('past',)),
         tmp_path / 'out',
     )
     assert [one['set'] for one in summaries] == [

@@ -15,7 +15,7 @@ from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.given_files import read_descriptors, read_scores
-from convseq_ros.evaluation.run_folder import read_run
+from convseq_ros.evaluation.run_folder import read_summaries
 from convseq_ros.evaluation.truth import read_pairs, read_positions
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.sources import open_source
@@ -61,11 +61,7 @@ def folder_of_pictures(path):
     picture(path / '1.png')
 
 
-def results(path):
-    own = path / 'set' / 'method'
-    own.mkdir(parents=True)
-    (own / 'summary.json').write_text('{}')
-    (own / 'frames.csv').write_text('a,b\n' + '1,2\n' * 50)
+PADDING_JSON = '{"set": "a", "method": "b", "protocol_version": 2}' + ' ' * 300
 
 
 WHOLE_FILES = {
@@ -89,7 +85,7 @@ WHOLE_FILES = {
     ),
     'scores': (array_of(np.ones((60, 60))), lambda p, r: read_scores(p, 60, 60, reading=r)),
     'descriptors': (array_of(np.ones((60, 60))), lambda p, r: read_descriptors(p, 60, r)),
-    'results': (results, read_run),
+    'summary': (text_of(PADDING_JSON), lambda path, reading: read_summaries([path], reading)),
     'mask': (picture, lambda path, reading: read_mask(naming(path, reading))),
 }
 

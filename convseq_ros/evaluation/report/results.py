@@ -1,0 +1,136 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the page of `convseq evaluate` shows of a set: curves, matrices, and pairs by verdict."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from convseq_ros.config import EncodingConfig
+from convseq_ros.core.types import Match
+from convseq_ros.evaluation.material import Material
+from convseq_ros.evaluation.metrics import Curve
+from convseq_ros.evaluation.plots import new_figure, show_matches, show_scores, show_truth
+from convseq_ros.evaluation.protocols import OPEN, Outcome
+from convseq_ros.evaluation.report.page import Pair, Section, svg
+from convseq_ros.evaluation.scorecard import Summary, Verdicts
+import numpy as np
+import numpy.typing as npt
+
+_MEANS = 'said', 'right'
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The result of a method on a set."""
+
+    summary: Summary
+    outcome: Outcome
+    verdicts: Verdicts
+    curve: Curve
+
+
+def section_of(material: Material, encoding: EncodingConfig, results: Sequence[Result]) -> Section:
+    """Return what the page shows of a set's results; a query, its answer and the truth a pair."""
+    first = results[0].summary
+    facts = [str(first['protocol']), f'{first["queries"]} queries']
+    facts += [f'{first["references"]} references', f'truth: {material.data_set.truth.kind}']
+    pairs = dict[str, list[Pair]]()
+    for result in results:
+        for verdict, pair in _pairs(material, encoding, result):
+            pairs.setdefault(f'{result.summary["method"]}: {verdict}', []).append(pair)
+    return Section(str(first['title']), ' · '.join(facts), [*_figures(results)], pairs)
+
+
+def _figures(results: Sequence[Result]) -> Iterator[tuple[str, str]]:
+    """Yield caption and SVG of each figure."""
+    curves = {str(one.summary['method']): one.curve for one in results if len(one.curve.recall)}
+    if curves:
+        points = {
+            name: (np.append(0.0, one.recall), np.append(one.precision[0], one.precision))
+            for name, one in curves.items()
+        }
+        said = 'Precision and recall of the best answers to queries that have one.'
+        yield said, _lines(points, 'recall', 'precision')
+    tables = {str(one.summary['method']): one.summary['calibration'] for one in results}
+    ranges = {
+        name: tuple(np.array([row[key] for row in table['as_shipped']]) for key in _MEANS)
+        for name, table in tables.items()
+        if table
+    }
+    if ranges:
+        said = 'Reliability: how often a confidence is right, slips included.'
+        yield said, _lines(ranges, 'confidence', 'share that is right', marker='o')
+    for one in results:
+        if one.outcome.protocol != OPEN:
+            yield (
+                f'{one.summary["method"]}: scores of image pairs; brighter is more similar. '
+                'Dots: best candidates.',
+                _matrix(one),
+            )
+
+
+def _lines(lines: Mapping[str, Any], x_label: str, y_label: str, **how: Any) -> str:
+    axes = (figure := new_figure(5, 3.6)).add_subplot()
+    axes.set(xlim=(0, 1.01), ylim=(0, 1.01), xlabel=x_label, ylabel=y_label)
+    axes.grid(alpha=0.3)
+    for number, (name, (x, y)) in enumerate(lines.items()):
+        axes.plot(x, y, label=name, linestyle=('-', '--', ':', '-.')[number // 10 % 4], **how)
+    figure.legend(loc='upper center', bbox_to_anchor=(0.5, 0.0), ncols=2, fontsize=7)
+    return svg(figure)
+
+
+def _matrix(result: Result) -> str:
+    scores = result.outcome.pairs.scores
+    height = min(max(4.5 * scores.shape[0] / scores.shape[1], 1.6), 6.0)
+    axes = (figure := new_figure(5, height)).add_subplot(xlabel='reference', ylabel='query')
+    show_scores(axes, scores)
+    show_truth(axes, result.outcome.right)
+    best = [match.best for match in result.outcome.matches]
+    dots = [(at, one.reference_index) for at, one in enumerate(best) if one]
+    if dots:
+        words = _words(result)
+        show_matches(axes, np.array(dots), np.array([words[at] for at, _ in dots]), size=3.5)
+    figure.legend(loc='upper center', bbox_to_anchor=(0.5, 0.0), ncols=2, fontsize=7)
+    return svg(figure)
+
+
+def _words(result: Result) -> list[str]:
+    """Return right or wrong for each accepted answer, rejected, or skipped without candidates."""
+    verdicts = result.verdicts
+    words = np.where(verdicts.correct, 'right', 'wrong')
+    words = np.where(verdicts.accepted, words, 'rejected')
+    return list(np.where(verdicts.matched, words, 'skipped').tolist())
+
+
+def _pairs(
+    material: Material, encoding: EncodingConfig, result: Result
+) -> Iterator[tuple[str, Pair]]:
+    """Yield the verdict on each answer with a candidate, and its pictures."""
+    query, reference = (drive.thumbnails for drive in material.drives(encoding))
+    outcome = result.outcome
+    for verdict, match, half in zip(_words(result), outcome.matches, outcome.halves, strict=True):
+        if match.best:
+            at, best = match.query_index, match.best.reference_index
+            right = nearest(material.truth.right[at], best)
+            truth = b'' if right is None else reference[right]
+            caption = _caption(match, right, half)
+            yield verdict, Pair(caption, (query[at], reference[best], truth))
+
+
+def _caption(match: Match, right: int | None, half: str) -> str:
+    best = match.best
+    assert best
+    confidence = '' if match.confidence is None else f', confidence {match.confidence:.3f}'
+    return (
+        f'Query {match.query_index}: {match.reason.value.replace("_", " ")}'
+        f'{f", with the {half} part of the map" if half else ""}\n'
+        f'Reference {best.reference_index}, score {best.score:.3f}{confidence}\n'
+        f'Truth: {"not in the map" if right is None else f"reference {right}"}'
+    )
+
+
+def nearest(right: npt.NDArray[np.bool_], best: int) -> int | None:
+    """Return the right reference, of flags (R,), that is nearest to the best; None without one."""
+    indices = np.flatnonzero(right)
+    return int(indices[np.abs(indices - best).argmin()]) if len(indices) else None
