@@ -25,7 +25,7 @@ COMMANDS = {
     'locate': 'print where in a map images were taken',
     'info': 'print what a map or a recording holds, or what is installed',
     'map': 'link, merge or split maps; remove or rename their sessions',
-    'fleet': 'build many maps in parallel, and recognise in all of them',
+    'fleet': 'build a map of each recording in a folder, in parallel',
     'evaluate': 'measure methods on data sets with known truth',
     'demo': 'drive a street twice: map, live node, table and picture',
     'report': 'put the results of several evaluations in one table',

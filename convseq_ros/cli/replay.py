@@ -6,7 +6,6 @@ import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from functools import partial
 from importlib import import_module
 import json
 from pathlib import Path
@@ -52,11 +51,6 @@ def describe(parser: argparse.ArgumentParser) -> None:
     add_output(parser, '--tum', metavar='FILE', help=help_)
     help_ = 'also write a page of what was matched, with pictures, for a browser'
     add_output(parser, '--report', kinds=PAGE, metavar='PAGE.html', help=help_)
-    add_replay(parser)
-
-
-def add_replay(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments that are common to all kinds of replay."""
     # A table of options reads better in few lines.
     # fmt: off
     add_output(parser, '--output', default=Path('result.csv'), kinds=ANSWERS, help='table to '
@@ -76,7 +70,7 @@ def run(chosen: argparse.Namespace) -> int:
             warn(line)
         with closing(pipeline):
             pipeline.warm_up()
-            summary = replay_chosen(chosen, pipeline.cameras, chosen.map, partial(_save, pipeline))
+            summary = _replayed(chosen, pipeline)
     if chosen.json:
         about = {'output': str(chosen.output), 'added': pipeline.added, 'slow': pipeline.slow}
         print(json.dumps(about | summary))
@@ -88,14 +82,9 @@ def run(chosen: argparse.Namespace) -> int:
     return 0
 
 
-def replay_chosen(
-    chosen: argparse.Namespace,
-    cameras: Cameras,
-    name: Path,
-    after_frame: Callable[[], None] = lambda: None,
-) -> dict[str, Any]:
-    """Replay a recording in a map, call `after_frame` each time, and return a summary."""
-    first = cameras.first
+def _replayed(chosen: argparse.Namespace, pipeline: Pipeline) -> dict[str, Any]:
+    """Replay a recording in a map, save new places, and return a summary."""
+    cameras, first, name = pipeline.cameras, pipeline.recognizer, chosen.map
     reading = first.config.reading
     source = in_order(open_each_camera(chosen.recording, reading=reading, **chosen_images(chosen)))
     spacing_m = first.reference_map.keyframes.keyframe_distance_m
@@ -106,7 +95,7 @@ def replay_chosen(
         )
     matches, durations = [], []
     poses = list[tuple[int, Pose]]()
-    report = ReplayReport() if getattr(chosen, 'report', None) else None
+    report = ReplayReport() if chosen.report else None
     with opened(chosen.output) as write:
 
         def listen(*answer: Any) -> None:
@@ -119,8 +108,8 @@ def replay_chosen(
                 poses.append((match.query_stamp_ns, match.pose.pose))
             matches.append(match)
             durations.append(duration_ms)
-            after_frame()
-    if path := getattr(chosen, 'tum', None):
+            _save(pipeline)
+    if path := chosen.tum:
         if not poses:
             raise MapError(f'{path}: no accepted place has a pose; build the map with --odom')
         write_tum(path, poses)

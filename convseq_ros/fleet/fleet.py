@@ -3,9 +3,8 @@
 """A fleet of maps that workers hold, which appears as one map."""
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import accumulate
 from pathlib import Path
@@ -14,64 +13,20 @@ from typing import Any
 
 from convseq_ros.app.cameras import Cameras
 from convseq_ros.config import Config
-from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.first_stage import Describe, vector_length, with_first_stage
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.format import MapSession
-from convseq_ros.core.map.kept_keypoints import without_keypoints
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import CoarseScores
 from convseq_ros.core.retrieval.whitening import statistics_of
 from convseq_ros.core.types import Descriptor, Floats, Row
-from convseq_ros.errors import FleetError
-from convseq_ros.fleet.shard import About, Holder
+from convseq_ros.errors import ConvseqError, FleetError, one_line
+from convseq_ros.fleet import shard
+from convseq_ros.fleet.shard import About, Version
 import numpy as np
 
-_TRIES = 3  # of a question, each with a new worker
-_LOOKED_AT_EVERY_S = 0.25  # checks that a worker is alive while it works
-
-
-@dataclass(eq=False, slots=True)
-class _Worker:
-    """Sends questions to one worker, about the shards that it holds."""
-
-    client: Any
-    paths: Sequence[str]
-    address: str = ''  # empty if there is no choice
-    future: Any = None
-    actor: Any = None
-    problem: str = ''  # why it gets no more questions
-
-    def ask(self, timeout_s: float, method: str, arguments: tuple[Any, ...]) -> Any:
-        """Return the answer, by another worker if this one dies; None if all of them die."""
-        until = time.monotonic() + timeout_s
-        for _ in range(0 if self.problem else _TRIES):
-            try:
-                return self._answer(until, method, arguments)
-            except TimeoutError:
-                raise FleetError(f'a worker did not answer within {timeout_s:g} s') from None
-            except Exception as error:
-                last = error
-                self.address, self.actor, self.future = '', None, None
-        self.problem = self.problem or f'asked {_TRIES} workers in vain ({last})'
-        return None
-
-    def _answer(self, until: float, method: str, arguments: tuple[Any, ...]) -> Any:
-        if self.actor is None:
-            wish = {'workers': [self.address], 'allow_other_workers': True}
-            chosen = wish if self.address else {}
-            self.future = self.client.submit(Holder, self.paths, actor=True, pure=False, **chosen)
-            self.actor = self.future.result(timeout=max(0.0, until - time.monotonic()))
-        reply = getattr(self.actor, method)(*arguments)
-        while True:
-            try:
-                return reply.result(timeout=_LOOKED_AT_EVERY_S)
-            except TimeoutError:
-                if self.future.status != 'finished':
-                    raise OSError('its worker died') from None
-                if time.monotonic() > until:
-                    raise
+_LOOKED_AT_EVERY_S = 1.0  # checks that workers are alive while they work
 
 
 class FleetScores(CoarseScores):
@@ -91,10 +46,11 @@ class Fleet:
     """
     Recognises places in all maps of a fleet, exactly as in one map merged from them.
 
-    Workers of a `distributed.Client` hold the maps, in the order given. Maps that cannot be
-    opened, or fail later, are `missing`; the others answer. `sources` name the cameras, if there
-    are several, and `describe` is the maps' model, as in `Pipeline`. FleetError if a fleet cannot
-    do what `config` requires, no map can be opened, or a question takes longer than `timeout_s`.
+    Workers of a `distributed.Client` hold the maps, in the order given; if one dies, another opens
+    its maps. `missing` says which maps cannot be opened, and why; the others answer. `cameras`
+    takes frames; `sources` name several cameras, and `describe` is the maps' model, as in
+    `Pipeline`. FleetError if a fleet cannot do what `config` requires, no map can be opened, or a
+    question takes longer than `timeout_s`.
     """
 
     def __init__(
@@ -112,144 +68,123 @@ class Fleet:
         if config.online.mode != 'preloaded':
             mode = config.online.mode
             raise FleetError(f'mode {mode}: maps of a fleet do not grow; leave it out')
-        self._client, self.paths, self.timeout_s = client, paths, timeout_s
-        self._missing = dict[str, str]()
-        self._open()
-        coarse = partial(FleetScores, self, config.matching.both_directions)
-        self.cameras = Cameras(self.reference_map, config, sources, coarse, describe)
-        self.slow = slow_path()
-
-    @property
-    def ignored(self) -> list[str]:
-        """A line for each map without keypoints, if they are to be used."""
-        config = self.cameras.first.config
-        lines = (without_keypoints(path, has, config) for path, has in self._has_keypoints.items())
-        return [line for line in lines if line]
-
-    @property
-    def missing(self) -> list[str]:
-        """A line for each map that does not answer, with the reason."""
-        return [*self._missing.values()]
-
-    def _open(self) -> None:
-        names, sizes = [], []
-        for path in self.paths:
-            names.append(str(path.resolve()))
-            sizes.append(path.stat().st_size if path.is_file() else 1)
-        # If no worker is up yet, the first to start gets all maps.
-        addresses = sorted(self._client.scheduler_info(n_workers=-1)['workers']) or ['']
-        self._workers = [
-            _Worker(self._client, paths, address)
-            for paths, address in zip(_runs(names, sizes, len(addresses)), addresses, strict=False)
-            if paths
-        ]
-        self._threads = ThreadPoolExecutor(max(1, len(self._workers)), 'fleet')
-        abouts: dict[str, About] = {}
-        for answer in self._ask_workers('about', [(worker, ()) for worker in self._workers]):
-            opened, lost = answer or ({}, {})
-            abouts |= opened
-            self._missing |= lost
-        abouts = {path: abouts[path] for path in names if path in abouts}
-        for name in [*abouts][1:]:
-            if reason := _difference(abouts[name], next(iter(abouts.values()))):
-                self._missing[name] = f'{name}: {reason}'
-                del abouts[name]
-        for name in [name for name, about in abouts.items() if not about.count]:
-            self._missing[name] = f'{name}: has no places'
-            del abouts[name]
-        if not abouts:
-            why = next(iter(self._missing.values()), 'no map has a place')
-            raise FleetError(f'no map of {len(names)} can be opened: {why}')
-        starts = accumulate((about.count for about in abouts.values()), initial=0)
-        *self._starts, self.count = starts
-        self.offsets = dict(zip(abouts, self._starts, strict=True))
-        sums = np.asarray(sum(about.sums for about in abouts.values()))
+        self._client, self._timeout_s = client, timeout_s
+        self.missing = list[str]()
+        abouts = self._open(paths)
+        *self.starts, self.count = accumulate((one.count for one in abouts), initial=0)
+        sums = np.asarray(sum(about.sums for about in abouts))
         self.statistics = statistics_of(sums, self.count)
         self.reference_map = self._joined(abouts)
-        self._has_keypoints = {path: about.has_keypoints for path, about in abouts.items()}
+        coarse = partial(FleetScores, self, config.matching.both_directions)
+        self.cameras = Cameras(self.reference_map, config, sources, coarse, describe)
 
-    def _joined(self, abouts: Mapping[str, About]) -> ReferenceMap:
-        """Return one map of all shards; cells and images are read from the workers."""
-        first, sessions = next(iter(abouts.values())), list[MapSession]()
+    def _open(self, paths: Sequence[Path]) -> list[About]:
+        """Let workers open the maps; return what they hold, in order."""
+        sizes = [path.stat().st_size if path.is_file() else 1 for path in paths]
+        changed = [path.stat().st_mtime_ns if path.is_file() else 0 for path in paths]
+        versions = [(str(path.resolve()), at) for path, at in zip(paths, changed, strict=True)]
+        # If no worker is up yet, the first to start gets all maps.
+        addresses = sorted(self._client.scheduler_info(n_workers=-1)['workers']) or ['']
+        runs = _runs(versions, sizes, len(addresses))
+        self._held = [(address, run) for address, run in zip(addresses, runs, strict=True) if run]
+        abouts = dict[Version, About]()
+        answers = self._ask([(where, shard.abouts, (run,)) for where, run in self._held])
+        for (_, run), answer in zip(self._held, answers, strict=True):
+            for version, about in zip(run, answer, strict=True):
+                if isinstance(about, str):
+                    self.missing.append(about)
+                elif reason := _unfit(about, next(iter(abouts.values()), about)):
+                    self.missing.append(f'{version[0]}: {reason}')
+                else:
+                    abouts[version] = about
+        if not abouts:
+            raise FleetError(f'no map of {len(paths)} can be opened: {self.missing[0]}')
+        self._held = [
+            (where, [version for version in run if version in abouts]) for where, run in self._held
+        ]
+        self._maps = [(version, where) for where, run in self._held for version in run]
+        return [abouts[version] for version, _ in self._maps]
+
+    def _joined(self, abouts: Sequence[About]) -> ReferenceMap:
+        """Return one map of all; cells and images are read from the workers."""
+        first, sessions = abouts[0], list[MapSession]()
         places = Places(vector_length(first.encoding))
-        for about in abouts.values():
+        for about in abouts:
             places.take(about.columns, len(sessions))
             sessions += about.sessions
         joined = ReferenceMap(
             first.encoding, places, self.pictures, first.keyframes, sessions=sessions
         )
-        for path, about in abouts.items():
+        for start, about in zip(self.starts, abouts, strict=True):
             for place, anchor in about.links:
-                joined.links.add(self.offsets[path] + place, self.offsets[path] + anchor)
+                joined.links.add(start + place, start + anchor)
         return joined
 
     def row(self, direction: Floats) -> Row:
-        """Return the coarse scores of all places; minus infinity where a map is missing."""
-        questions = list[tuple[_Worker, tuple[Any, ...]]]()
-        for worker in self._workers:
-            there = [path for path in worker.paths if path not in self._missing]
-            questions.append((worker, (there, direction, self.statistics)))
-        row = np.full(self.count, -np.inf, np.float32)
-        for reply in self._ask_workers('rows', questions):
-            for path, scores in (reply or {}).items():
-                row[self.offsets[path] :][: len(scores)] = scores
-        return row
+        """Return the coarse scores of all places."""
+        asked = [(at, shard.rows, (run, direction, self.statistics)) for at, run in self._held]
+        return np.concatenate([row for rows in self._ask(asked) for row in rows])
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
-        """Return cells and images of places; blank ones if their shard is missing."""
-        paths, wanted = [*self.offsets], dict[str, list[int]]()
+        """Return cells and images of places."""
+        wanted = dict[int, list[int]]()
         for index in indices:
-            wanted.setdefault(paths[bisect_right(self._starts, index) - 1], []).append(index)
-        questions = list[tuple[_Worker, tuple[Any, ...]]]()
-        for worker in self._workers:
-            held = [path for path in worker.paths if path in wanted]
-            if held:
-                local = {path: [at - self.offsets[path] for at in wanted[path]] for path in held}
-                questions.append((worker, (local, with_images)))
-        replies = dict[str, list[Picture] | str]()
-        for reply in self._ask_workers('pictures', questions):
-            replies |= reply or {}
-        pictures = dict[int, Picture]()
-        for path, places in wanted.items():
-            reply = replies.get(path, f'{path}: its worker is gone')
-            if isinstance(reply, str):
-                self._missing.setdefault(path, reply)
-                blank = Picture(np.zeros(self.reference_map.cell_shape, np.float16))
-                reply = [blank] * len(places)
-            pictures |= zip(places, reply, strict=True)
-        return [pictures[index] for index in indices]
+            wanted.setdefault(bisect_right(self.starts, index) - 1, []).append(index)
+        asked = []
+        for at, places in wanted.items():
+            version, where = self._maps[at]
+            local = [index - self.starts[at] for index in places]
+            asked.append((where, shard.pictures, (version, local, with_images)))
+        found = dict[int, Picture]()
+        for places, reply in zip(wanted.values(), self._ask(asked), strict=True):
+            found |= zip(places, reply, strict=True)
+        return [found[index] for index in indices]
 
-    def _ask_workers(
-        self, method: str, questions: Sequence[tuple[_Worker, tuple[Any, ...]]]
-    ) -> list[Any]:
-        """Ask some workers in parallel; the answer is None if all tries of a worker died."""
-        waiting = [
-            self._threads.submit(worker.ask, self.timeout_s, method, arguments)
-            for worker, arguments in questions
-        ]
-        answers = [future.result() for future in waiting]
-        for worker, _ in questions:
-            if worker.problem:
-                for path in worker.paths:
-                    self._missing.setdefault(path, f'{path}: {worker.problem}')
-        return answers
+    def _ask(self, questions: list[tuple[str, Any, tuple[Any, ...]]]) -> list[Any]:
+        """Ask workers in parallel; each question has an address, a function and its arguments."""
+        from distributed import wait
+
+        futures = [self._submitted(*question) for question in questions]
+        until = time.monotonic() + self._timeout_s
+        while not all(future.done() for future in futures):
+            with suppress(TimeoutError):
+                wait(futures, timeout=_LOOKED_AT_EVERY_S)
+                continue
+            if time.monotonic() > until:
+                raise FleetError(f'a worker did not answer within {self._timeout_s:g} s')
+            # What waits for a worker that died is given to no new one: ask anew.
+            alive = self._client.scheduler_info(n_workers=-1)['workers']
+            for at, (address, function, arguments) in enumerate(questions):
+                if alive and address and address not in alive and not futures[at].done():
+                    questions[at] = '', function, arguments
+                    futures[at] = self._submitted(*questions[at])
+        try:
+            return list(self._client.gather(futures))
+        except ConvseqError:
+            raise
+        except Exception as error:  # of any library, from a worker
+            raise FleetError(f'a worker failed: {one_line(error)}') from None
+
+    def _submitted(self, address: str, function: Any, arguments: tuple[Any, ...]) -> Any:
+        where = {'workers': [address], 'allow_other_workers': True} if address else {}
+        return self._client.submit(function, *arguments, pure=False, **where)
 
 
-def _difference(about: About, first: About) -> str | None:
-    """Return why a map cannot be combined with the first; None if it can."""
+def _unfit(about: About, first: About) -> str:
+    """Return why a map cannot be combined with the first; empty if it can."""
     if about.encoding != first.encoding:
         return f'made with {about.encoding}, the first map with {first.encoding}'
     if about.keyframes.spacing != first.keyframes.spacing:
         spacing, first_spacing = about.keyframes.spacing, first.keyframes.spacing
         return f'made with {spacing}, the first map with {first_spacing}'
-    return None
+    return '' if about.count else 'has no places'
 
 
-def _runs(names: Sequence[str], sizes: Sequence[int], count: int) -> list[list[str]]:
-    """Return names, in order, in `count` runs of similar size."""
-    runs: list[list[str]] = [[] for _ in range(max(1, count))]
+def _runs(versions: Sequence[Version], sizes: Sequence[int], count: int) -> list[list[Version]]:
+    """Return maps, in order, in `count` runs of similar size."""
+    runs: list[list[Version]] = [[] for _ in range(count)]
     total, passed = max(1, sum(sizes)), 0
-    for name, size in zip(names, sizes, strict=True):
-        runs[min(len(runs) - 1, (passed + size // 2) * len(runs) // total)].append(name)
+    for version, size in zip(versions, sizes, strict=True):
+        runs[min(count - 1, (passed + size // 2) * count // total)].append(version)
         passed += size
     return runs

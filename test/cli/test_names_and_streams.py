@@ -118,7 +118,7 @@ def test_options_have_no_abbreviations():
     [
         ['build-map', 'drive', 'map.db', '--exclusion-s', '30'],
         ['replay', 'drive', '--map', 'map.db', '--exclusion-s=30'],
-        ['fleet', 'build', 'drives', '-o', 'maps', '--exclusion-s', '30'],
+        ['fleet', 'drives', '-o', 'maps', '--exclusion-s', '30'],
         ['demo', '--exclusion-s', '30'],
     ],
 )

@@ -40,20 +40,16 @@ def built(drive, tmp_path_factory):
         ('map merge MAP -o OTHER --no-links', False),
         ('build-map DRIVE MAP --append', True),
         ('build-map DRIVE MAP --append --no-links', False),
-        ('fleet replay MAPS DRIVE --workers 1 --output TABLE', True),
-        ('fleet replay MAPS DRIVE --workers 1 --output TABLE --matching regional', False),
         ('info MAP', False),
     ],
 )
 def test_a_command_that_would_ask_keypoints_warns_of_a_map_without_any(
     built, drive, tmp_path, capsys, command, asks, name
 ):
-    if 'fleet' in command:
-        pytest.importorskip('distributed', reason='needs dask.distributed, the extra `fleet`')
     path = tmp_path / 'maps' / name
     path.parent.mkdir()
     shutil.copy(built / name, path)
-    known = {'DRIVE': drive, 'MAP': path, 'MAPS': path.parent}
+    known = {'DRIVE': drive, 'MAP': path}
     known |= {'TABLE': tmp_path / 'table.csv', 'OTHER': tmp_path / 'other.db'}
     words = command.split() + [*SETTINGS] * (command.startswith('build-map'))
     words = [word.replace('DRIVE', str(drive)) if '/' in word else word for word in words]

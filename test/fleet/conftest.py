@@ -8,26 +8,21 @@ from convseq_ros.cli import main
 from convseq_ros.config import Config
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.fleet.cluster import Cluster, connected
+from convseq_ros.fleet.cluster import started
 from convseq_ros.sources import open_source
 import numpy as np
 from pictures import picture, written
 import pytest
 
 FRAMES = 20
-SETTINGS = '--keyframe-overlap', '1'
+SETTINGS = '--keyframe-overlap', '1', '--keep-images-px', '40'
 
 
 @pytest.fixture(scope='session')
 def client():
     pytest.importorskip('distributed', reason='needs dask.distributed, the extra `fleet`')
-    with connected(Cluster(workers=2)) as opened:
+    with started(2) as opened:
         yield opened
-
-
-@pytest.fixture(scope='session')
-def scheduler(client):
-    return client.scheduler.address
 
 
 @pytest.fixture(scope='session')

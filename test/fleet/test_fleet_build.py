@@ -1,12 +1,13 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`convseq fleet build`: a map of each recording, whole or not at all."""
+"""`convseq fleet`: a map of each recording, whole or not at all."""
 
 import json
 import os
 from pathlib import Path
 import shutil
 import signal
+import sys
 
 from convseq_ros.cli import fleet, main
 from convseq_ros.config import Config
@@ -20,12 +21,13 @@ SETTINGS = '--keyframe-overlap', '1'
 
 
 @pytest.fixture
-def build(scheduler, capsys):
+def build(capsys):
     """Return a way to run the command and get its exit code, its result and what it says."""
+    pytest.importorskip('distributed', reason='needs dask.distributed, the extra `fleet`')
 
     def run(folder, maps, *args):
-        where = '--scheduler', scheduler, '--json', *SETTINGS, *args
-        code = main(['fleet', 'build', str(folder), '-o', str(maps), *where])
+        how = '--workers', '2', '--json', *SETTINGS, *args
+        code = main(['fleet', str(folder), '-o', str(maps), *how])
         printed = capsys.readouterr()
         return code, json.loads(printed.out) if printed.out else None, printed.err
 
@@ -76,7 +78,7 @@ def test_a_bad_recording_fails_without_the_others(recordings, tmp_path, build):
 def test_a_folder_without_distinct_recordings_is_refused(tmp_path, capsys, names, problem):
     for name in names:
         (tmp_path / name).touch()
-    assert main(['fleet', 'build', str(tmp_path), '-o', str(tmp_path / 'maps')]) == 1
+    assert main(['fleet', str(tmp_path), '-o', str(tmp_path / 'maps')]) == 1
     assert problem in capsys.readouterr().err
     assert not (tmp_path / 'maps').exists()
 
@@ -120,3 +122,19 @@ def test_a_job_that_kills_its_worker_is_given_up(client):
         client.run_on_scheduler(allow, before)
     assert name == 'it' and isinstance(error, FleetError)
     assert 'its worker died 1 times' in str(error)
+
+
+def test_a_missing_package_is_named_with_the_remedy(recordings, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, 'distributed', None)
+    assert main(['fleet', str(recordings), '-o', str(tmp_path / 'maps')]) == 1
+    assert 'a fleet needs dask.distributed; pip install' in capsys.readouterr().err
+
+
+def test_workers_listen_on_this_machine_only(client):
+    addresses = [client.scheduler.address, *client.scheduler_info()['workers']]
+    assert len(addresses) == 3
+    assert all(one.startswith('tcp://127.0.0.1:') for one in addresses)
+    assert (
+        client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.http_server.address)
+        == '127.0.0.1'
+    )

@@ -1,0 +1,111 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A fleet of maps answers as one map would that was made of all."""
+
+import os
+from pathlib import Path
+import shutil
+import signal
+
+from convseq_ros.cli import main
+from convseq_ros.config import Config, make_config
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.errors import FleetError, MapError
+from convseq_ros.fleet.fleet import Fleet
+import pytest
+
+FRAMES = 20
+SETTINGS = '--keyframe-overlap', '1'
+SETTINGS_OF_ANSWERS = (
+    {},
+    {'both_directions': True},
+    {'fixed_length': 10, 'acceptance_rule': 'margin'},
+    {'matching': 'regional'},
+)
+
+
+@pytest.mark.parametrize('asked', SETTINGS_OF_ANSWERS)
+def test_a_fleet_answers_every_frame_as_one_map(drives, client, answers_of, asked):
+    maps, one, again = drives
+    config = make_config(asked)
+    fleet = Fleet(client, sorted(maps.glob('*.db')), config)
+    found = answers_of(fleet.cameras.first, again)
+    assert found == answers_of(PlaceRecognizer(open_map(one), config), again)
+    assert fleet.missing == [] and fleet.count == 3 * FRAMES
+    assert any(reason == 'accepted' for _, reason, *_ in found)
+
+
+def test_a_fleet_keeps_links_and_kept_images_of_its_maps(drives, client, tmp_path, answers_of):
+    maps, _, again = drives
+    paths = [shutil.copy(path, tmp_path) for path in sorted(maps.glob('*.db'))]
+    assert main(['build-map', str(again), str(paths[1]), *SETTINGS, '--append']) == 0
+    one, parts = tmp_path / 'one' / 'one.db', [str(path) for path in paths]
+    one.parent.mkdir()
+    assert main(['map', 'merge', *parts, '-o', str(one), '--no-links']) == 0
+    fleet, merged = Fleet(client, [*map(Path, paths)], Config()), open_map(one)
+    linked = [*fleet.reference_map.links]
+    assert linked == [*merged.links] and len(linked) > FRAMES // 2
+    assert [*fleet.reference_map.places] == [*merged.places]
+    asked = [0, FRAMES, len(merged) - 1, 2 * FRAMES]
+    for with_images in (False, True):
+        ours, theirs = (
+            [(each.packed.tobytes(), each.image) for each in one.pictures(asked, with_images)]
+            for one in (fleet.reference_map, merged)
+        )
+        assert ours == theirs and (ours[0][1] is not None) == with_images
+    expected = answers_of(PlaceRecognizer(merged, Config()), again)
+    assert answers_of(fleet.cameras.first, again) == expected
+
+
+def test_a_worker_that_dies_in_the_middle_loses_nothing(drives, client, expected, answers_of):
+    maps, _, again = drives
+    fleet = Fleet(client, sorted(maps.glob('*.db')), Config())
+
+    def kill(number):
+        if number in (8, 20):
+            pids = client.run(os.getpid)
+            os.kill(pids[min(pids)], signal.SIGKILL)
+
+    assert answers_of(fleet.cameras.first, again, kill) == expected
+
+
+def test_maps_that_cannot_be_opened_are_left_out_and_named(
+    drives, client, expected, tmp_path, answers_of
+):
+    maps, _, again = drives
+    folder = tmp_path / 'some'
+    shutil.copytree(maps, folder)
+    (folder / 'map_0a.db').write_bytes(b'SQLite format 3\0 and nothing else')
+    other = ['--image-size-px', '256']
+    assert main(['build-map', str(again), str(folder / 'map_9.db'), *SETTINGS, *other]) == 0
+    fleet = Fleet(client, sorted(folder.glob('*.db')), Config())
+    damaged, foreign = fleet.missing
+    assert 'map_0a.db' in damaged and 'map_9.db' in foreign and 'image_size_px' in foreign
+    # The others answer as if there were no more.
+    assert answers_of(fleet.cameras.first, again) == expected
+
+
+def test_a_map_that_is_damaged_later_ends_in_one_line(drives, client, tmp_path, answers_of):
+    maps, _, again = drives
+    folder = tmp_path / 'some'
+    shutil.copytree(maps, folder)
+    fleet, damaged = Fleet(client, sorted(folder.glob('*.db')), Config()), folder / 'map_1.db'
+    content = bytearray(damaged.read_bytes())
+    content[len(content) // 4 :] = bytes(len(content) - len(content) // 4)
+    damaged.write_bytes(content)
+    with pytest.raises(MapError, match=r'map_1\.db') as caught:
+        answers_of(fleet.cameras.first, again)
+    assert '\n' not in str(caught.value)
+
+
+def test_a_fleet_without_a_readable_map_is_refused_with_the_reason(client, tmp_path):
+    (tmp_path / 'a.db').write_bytes(b'nothing')
+    with pytest.raises(FleetError, match=r'no map of 1 can be opened: .*a\.db'):
+        Fleet(client, [tmp_path / 'a.db'], Config())
+
+
+@pytest.mark.parametrize(('name', 'value'), [('search', 'exhaustive'), ('mode', 'online')])
+def test_a_setting_that_a_fleet_does_not_support_is_refused(client, drives, name, value):
+    with pytest.raises(FleetError, match=f'{name} {value}: .*; leave it out'):
+        Fleet(client, sorted(drives[0].glob('*.db')), make_config({name: value}))
