@@ -47,7 +47,7 @@ def make_model(kind: str = 'hog', size: int = 96, numbers: int = 512) -> onnx.Mo
         [numpy_helper.from_array(value.astype(np.float32), name) for name, value in constants],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid('', OPSET)], ir_version=IR)
-    metadata = {'size': f'{size}x{size}', 'color': 'gray' if channels == 1 else 'rgb'}
+    metadata = {'size': f'{size}x{size}'}
     metadata |= {'mean': '0.5', 'scale': '0.25'}
     helper.set_model_props(model, metadata)
     onnx.checker.check_model(model)

@@ -74,29 +74,15 @@ def test_a_model_with_a_free_batch_size_gets_one_image(tmp_path):
     assert own(np.full((8, 8), 9, np.uint8)).shape == (12,)
 
 
-def test_channels_are_in_the_order_that_the_model_has(tmp_path):
-    blue = np.zeros((8, 8, 3), np.uint8)
-    blue[:, :, 0] = 255
-    path = model(tmp_path / 'm.onnx')
-    rgb, bgr = (OnnxModel(path, given={**NOTHING, 'color': one}) for one in ('rgb', 'bgr'))
-    assert rgb(blue).tolist() == [0] * 8 + [1] * 4
-    assert bgr(blue).tolist() == [1] * 4 + [0] * 8
-    gray = OnnxModel(path, given={**NOTHING, 'color': 'gray'})
-    assert not gray.wants_color and rgb.wants_color
-    assert gray(blue) == pytest.approx(np.full(12, 29 / 255))
-
-
 def test_a_grey_model_gets_one_channel(tmp_path):
     path = model(tmp_path / 'm.onnx', (1, 1, 8, 8))
     own = OnnxModel(path, given=NOTHING)
     assert own(np.full((20, 30), 255, np.uint8)).tolist() == [1, 1, 1, 1]
-    assert not own.wants_color
-    refused('rgb contradicts the model, which says gray', path, given={'color': 'rgb'})
 
 
 def test_metadata_and_a_yaml_file_set_how_images_become_the_input(tmp_path):
     one = onnx.load(model(tmp_path / 'm.onnx', ('n', 3, 'h', 'w')))
-    path = saved(one, tmp_path / 'm.onnx', size='4x8', mean='0.5, 0.5, 0.5', color='bgr')
+    path = saved(one, tmp_path / 'm.onnx', size='4x8', mean='0.5, 0.5, 0.5')
     alone = OnnxModel(path)
     assert alone.numbers == 6
     (tmp_path / 'm.yaml').write_text('mean: [0.5, 0.5, 0.5]\nscale: 0.25\n')
@@ -108,8 +94,7 @@ def test_metadata_and_a_yaml_file_set_how_images_become_the_input(tmp_path):
     for line, problem in (
         ('mean: 0.1', 'mean .* contradicts the model'),
         ('size: [4, 9]', 'size .* contradicts the model'),
-        ('colour: rgb', "'colour' is none of color, mean, scale, size"),
-        ('color: red', "color 'red' is none of rgb, bgr, gray"),
+        ('colour: rgb', "'colour' is none of mean, scale, size"),
         ('scale: 0', 'is not 0'),
         ('mean: [a, b]', 'could not convert'),
     ):
@@ -211,7 +196,7 @@ def test_a_model_replaced_on_disk_has_another_identity(tmp_path):
 
 def test_the_scripts_models_score_a_shifted_copy_above_another_image(tmp_path):
     random = np.random.default_rng(3)
-    images = [cv2.resize(random.integers(0, 256, (12, 16, 3), np.uint8), (160, 120)) for _ in '12']
+    images = [cv2.resize(random.integers(0, 256, (12, 16), np.uint8), (160, 120)) for _ in '12']
     moved = np.roll(images[0], 4, axis=1)
     for kind in ('hog', 'random'):
         own = OnnxModel(made(tmp_path / f'{kind}.onnx', kind))

@@ -18,7 +18,7 @@ import xml.etree.ElementTree as xml
 import convseq_ros
 from convseq_ros import build_map, Config, Frame, open_map, PlaceRecognizer
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.similarity.matcher import DescriptorMatcher, Features
+from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
@@ -270,10 +270,18 @@ def drive(seed: int) -> list[Frame]:
     return [Frame(index * SECOND, gray) for index, gray in enumerate(places + noise)]
 
 
-class Correlation(DescriptorMatcher):
+class Correlation(Matcher):
     """A pair score of one's own: the correlation of all cells."""
 
-    places = None
+    def __init__(self, places):
+        self.kernel, self.places = 'own', places
+
+    def reset(self): ...
+
+    def warm_up(self): ...
+
+    def shift(self, _query, _index):
+        return None
 
     def extract(self, descriptor):
         return Features(descriptor.cells)
@@ -287,7 +295,7 @@ class Correlation(DescriptorMatcher):
 
 def test_a_pair_score_of_ones_own_reads_the_places_of_a_map_file(tmp_path):
     build_map(drive(1), tmp_path / 'map.db', SMALL)
-    street = Correlation.places = open_map(tmp_path / 'map.db')
+    street = open_map(tmp_path / 'map.db')
     config = replace(SMALL, acceptance=replace(SMALL.acceptance, acceptance_rule='margin'))
     recognizer = PlaceRecognizer(street, config, matcher=Correlation(street))
     last = [recognizer.process(frame) for frame in drive(2)][-1].accepted

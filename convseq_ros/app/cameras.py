@@ -112,10 +112,7 @@ class Cameras:
     def configure(self, config: Config) -> None:
         """Use other settings from now on."""
         # Settings that the map and its model require do not change.
-        before = self.config
-        reading = replace(config.reading, keeps_color=before.reading.keeps_color)
-        config = replace(config, encoding=before.encoding, reading=reading)
-        self.config = config
+        self.config = config = replace(config, encoding=self.config.encoding)
         for number, recognizer in enumerate(self.each):
             recognizer.configure(of_camera(config, number))
         self._set_usual_mount()

@@ -38,7 +38,7 @@ class MapBuilder:
     missing, damaged, made with other settings or in use by another program, or the disk is full.
 
     With `links`, each place is matched with the earlier ones, as in online mode, and linked to
-    those that it shows; without, or without cells, nothing is recognised. All keyframes are kept
+    those that it shows; without, nothing is recognised. All keyframes are kept
     unless `max_looks` limits the stretches of a place. `describe`, from an image to a vector, is
     the map's descriptor model, if any.
     """
@@ -65,14 +65,13 @@ class MapBuilder:
         else:
             self._autosave = NoAutosave(ReferenceMap(encoding, keyframes=keyframes))
         self.reference_map = self._autosave.reference_map
-        is_recognising = links and encoding.keeps_cells
-        blind = is_recognising and not has_keypoints(self.reference_map)
+        blind = links and not has_keypoints(self.reference_map)
         self.problem = without_keypoints(path, not blind, config)  # of the map as it was found
         self._recognizer = PlaceRecognizer(
             self.reference_map,
             config,
             describe=describe,
-            mapping=OnlineMap(self.reference_map, config, name, frame, is_recognising),
+            mapping=OnlineMap(self.reference_map, config, name, frame, links),
             order=AnyOrder(),  # all frames are one session, whatever their stamps
         )
 
@@ -145,9 +144,7 @@ def build_map(
 
 
 def not_linked(unlinked: ReferenceMap) -> list[range]:
-    """Return the places of each session with places not looked up yet; none without cells."""
-    if not unlinked.encoding.keeps_cells:
-        return []
+    """Return the places of each session with places not looked up yet."""
     links, ends = unlinked.links, pairwise([*unlinked.bounds.starts.tolist(), len(unlinked)])
     return [range(*both) for both in ends if not all(map(links.is_looked_up, range(*both)))]
 

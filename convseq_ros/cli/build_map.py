@@ -37,7 +37,6 @@ from convseq_ros.config import (
 )
 from convseq_ros.config.parameter import add_parameters, given, Parameter, parameters
 from convseq_ros.config.reading_config import chosen_reading, ReadingConfig
-from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import ConfigError, printable, SourceError
@@ -168,9 +167,8 @@ def build(
     MapError if a file is unusable; a map keeps what was added before.
     """
     model = open_model(config)
-    reading = with_first_stage(config, model).reading
     recordings = recordings_in(recording) if each else [recording]
-    sessions = _sessions(recordings, session, reading, images)
+    sessions = _sessions(recordings, session, config.reading, images)
     config.robot.refuse_count(1 + max(number for _, number, _ in sessions))
     started, report, counts = time.monotonic(), on_warning or warn, _Counts()
     for name, number, source in sessions:

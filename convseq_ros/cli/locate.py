@@ -20,7 +20,7 @@ from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.folder import FRAME_INTERVAL_NS, unreadable
-from convseq_ros.sources.images import gray_and_color, read_picture
+from convseq_ros.sources.images import gray_of, read_picture
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -71,7 +71,7 @@ def _frames(
             raise SourceError(f'{path}: a folder; give its last few pictures, or use replay')
         stamp_ns = number * FRAME_INTERVAL_NS
         try:
-            gray, color = gray_and_color(read_picture(path, reading), reading)
+            gray = gray_of(read_picture(path, reading))
         except ImageError as error:
             problem = unreadable(path, error)
             frames.append(Frame(stamp_ns, None, printable(str(path)), problem=problem))
@@ -80,7 +80,7 @@ def _frames(
         camera = None
         if camera_info:
             camera = read_camera_file(camera_info, height, width, reading, told)
-        frames.append(Frame(stamp_ns, gray, printable(str(path)), camera=camera, color=color))
+        frames.append(Frame(stamp_ns, gray, printable(str(path)), camera=camera))
     problems = [frame.problem for frame in frames if frame.gray is None]
     if len(problems) == len(frames):
         raise SourceError(problems[-1])

@@ -59,7 +59,6 @@ class EncodingConfig(Checked):
         '', 'ONNX file of the network whose descriptors select the places to compare; empty for '
         'the built-in descriptor. All places of a map need the same model.', is_path=True,
     )
-    keeps_cells: bool = True  # whether maps store cells; `matching: descriptor` needs none
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -74,9 +73,8 @@ class MatchingConfig(Checked):
 
     matching: str = parameter(
         'coherent', 'How two images are compared: coherent counts regions that moved together, '
-        'regional takes the mean similarity of the best matching regions, as in the paper, '
-        'descriptor the cosine of two descriptors, without geometry.',
-        choices=('coherent', 'regional', 'descriptor'),
+        'regional takes the mean similarity of the best matching regions, as in the paper.',
+        choices=('coherent', 'regional'),
     )
     search: str = parameter(
         'shortlist', 'Which places are compared in full: shortlist takes those that a coarse '

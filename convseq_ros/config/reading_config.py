@@ -31,7 +31,6 @@ class ReadingConfig(Checked):
         'before they are read; text counts 8 times and YAML 1024 times.',
         unit='MB', low=0.001, high=1_000_000.0, dynamic=True,
     )
-    keeps_color: bool = False  # in frames, beside grey; for a model that uses it
 
     def above(self, name: str, size: float, what: str) -> str:
         """Return a line with the remedy if a size is above parameter `name`; otherwise empty."""

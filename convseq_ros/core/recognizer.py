@@ -66,8 +66,7 @@ class PlaceRecognizer:
     Raises
     ------
     ConfigError
-        If `reference_map` is no map, `describe` is not its model, or `matching` needs cells and it
-        has none.
+        If `reference_map` is no map, or `describe` is not its model.
 
     """
 
@@ -279,6 +278,6 @@ class PlaceRecognizer:
 
 
 def _made_matcher(reference_map: ReferenceMap, config: Config) -> Matcher:
-    if config.matching.matching == 'regional' and reference_map.encoding.keeps_cells:
+    if config.matching.matching == 'regional':
         return PaperMatcher(reference_map)
     return make_matcher(reference_map, config)

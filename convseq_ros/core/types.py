@@ -111,7 +111,6 @@ class Frame:
     pose: Pose | None = None  # of the robot's base, by odometry
     problem: str = ''  # why the image could not be decoded, in one line
     camera: Camera | None = None  # None if unknown
-    color: npt.NDArray[np.uint8] | None = None  # (H, W, 3), blue, green, red, if it is needed
     frame_id: str = ''  # name of the camera's coordinates, as the message has it
 
     def __post_init__(self) -> None:

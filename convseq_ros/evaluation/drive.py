@@ -68,7 +68,6 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> DescribedDrive:
     blank = blank_descriptor(encoding)
     if model:
         encoding = replace(encoding, descriptor_model=identity_of(model))
-        images = images.in_color if model.wants_color else images
         blank = replace(blank, vector=np.zeros(model.numbers, np.float16))
     first_stage = FirstStage(model, encoding)
     kept = KeyframeConfig()

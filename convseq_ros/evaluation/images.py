@@ -40,11 +40,6 @@ class Images:
         except OSError as error:
             raise SourceError(f'{self.part.path}: {error.strerror}; check the path') from None
 
-    @property
-    def in_color(self) -> 'Images':
-        """The same images in colour."""
-        return replace(self, reading=replace(self.reading, keeps_color=True))
-
     def __iter__(self) -> Iterator[Frame]:
         part = self.part
         if part.simulated:
@@ -73,8 +68,7 @@ def described(
     rows, durations_ms = [], []
     for frame in frames:
         started = time.perf_counter()
-        image = frame.gray if frame.color is None else frame.color
-        rows.append(None if image is None else describe(image))
+        rows.append(None if frame.gray is None else describe(frame.gray))
         durations_ms.append((time.perf_counter() - started) * 1e3)
     return rows, float(np.median(durations_ms))
 

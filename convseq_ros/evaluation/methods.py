@@ -134,8 +134,7 @@ class Method:
         encode_ms, reference_map = query.encode_ms, reference.reference_map
         row_ms = max(0.0, float(np.median(answered.durations_ms)) - encode_ms)
         place_bytes: float = reference_map.global_descriptors[0].nbytes
-        if self.config.matching.matching != 'descriptor':
-            place_bytes += reference_map.packed(0).nbytes
+        place_bytes += reference_map.packed(0).nbytes
         if self.config.believes:  # it asks keypoints now and then; here they count for each frame
             encode_ms += query.keypoints_ms
             stored = (one.keypoints for one in reference.descriptors)
@@ -203,7 +202,7 @@ def _hog(material: Material, _name: MethodName, _config: Config) -> PairScores:
 def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
     how = {key: value for key, value in name.options.items() if key != 'file'}
     model = OnnxModel(Path(name.options['file']), config.reading, how)
-    return _by_cosine(*_descriptors(material, model, model.wants_color))
+    return _by_cosine(*_descriptors(material, model))
 
 
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
@@ -243,12 +242,12 @@ def _given_descriptors(material: Material, name: MethodName, config: Config) -> 
 
 
 def _descriptors(
-    material: Material, describe: Callable[[Gray], Vectors], wants_color: bool = False
+    material: Material, describe: Callable[[Gray], Vectors]
 ) -> tuple[Vectors, Vectors, float]:
     """Return query and reference descriptors, and the median time per query in ms."""
 
     def of(images: Images) -> tuple[Vectors, float]:
-        rows, median_ms = described(images.in_color if wants_color else images, describe)
+        rows, median_ms = described(images, describe)
         zeros = np.zeros_like(next(row for row in rows if row is not None))
         return np.stack([zeros if row is None else row for row in rows]), median_ms
 
@@ -293,5 +292,5 @@ KINDS: Mapping[str, Kind] = {
     'hbst': _peer_of(_hbst, options=('rows',), needs=('pyhbst', 'pyhbst')),
     'scores': _baseline(_given_scores, files=('file',), options=('lower_is_better',)),
     'descriptors': _baseline(_given_descriptors, files=('query',), options=('reference',)),
-    'onnx': _baseline(_onnx, files=('file',), options=('size', 'mean', 'scale', 'color')),
+    'onnx': _baseline(_onnx, files=('file',), options=('size', 'mean', 'scale')),
 }

@@ -105,10 +105,8 @@ def recognize(
     def number(index: int, stamp_ns: int) -> int:
         return by_time[stamp_ns] if online else first + index
 
-    images = material.query.in_color if model and model.wants_color else material.query
-    frames: Iterable[tuple[types.Frame, types.Descriptor | None]] = ((img, None) for img in images)
-    if span:
-        frames = query.described
+    frames: Iterable[tuple[types.Frame, types.Descriptor | None]]
+    frames = query.described if span else ((image, None) for image in material.query)
     matches, durations = [], []
     rows = np.full((len(query), len(reference)), np.nan, np.float32)
     for row, (frame, descriptor) in zip(rows, frames, strict=True):

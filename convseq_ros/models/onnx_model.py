@@ -21,7 +21,6 @@ import numpy.typing as npt
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
 IMAGENET_SCALE = (0.229, 0.224, 0.225)
-_COLORS = ('rgb', 'bgr', 'gray')
 _TYPES = {'tensor(float)': np.float32, 'tensor(float16)': np.float16}
 _ELSEWHERE = 'AzureExecutionProvider'  # would send images to a server
 
@@ -33,7 +32,6 @@ class Input:
     size: tuple[int, int] | None = None  # height and width
     mean: tuple[float, ...] | None = None  # one, or one for each channel
     scale: tuple[float, ...] | None = None  # as `mean`; the standard deviation of most networks
-    color: str | None = None  # rgb, bgr or gray
 
     @classmethod
     def of(cls, settings: Mapping[str, Any], where: object) -> 'Input':
@@ -42,16 +40,13 @@ class Input:
             names = {item.name for item in fields(cls)}
             if unknown := [*settings.keys() - names]:
                 raise ValueError(f'{unknown[0]!r} is none of {", ".join(sorted(names))}')
-            numbers = {name: _numbers(settings[name]) for name in settings if name != 'color'}
+            numbers = {name: _numbers(settings[name]) for name in settings}
             if not all(numbers.get('scale', ())):
                 raise ValueError('scale is not 0')
             size: Any = tuple(map(int, numbers.pop('size', ()))) or None
             if size and (len(size) > 2 or min(size) < 1 or max(size) > 4096):
                 raise ValueError(f'size {size} is not height and width, 1 to 4096 px')
-            color = settings.get('color')
-            if color is not None and color not in _COLORS:
-                raise ValueError(f'color {color!r} is none of {", ".join(_COLORS)}')
-            return cls(size=size and (size[0], size[-1]), color=color, **numbers)
+            return cls(size=size and (size[0], size[-1]), **numbers)
         except (TypeError, ValueError) as error:
             raise ModelError(f'{where}: {error}') from None
 
@@ -71,13 +66,13 @@ class OnnxModel:
     """
     A network that turns an image into a descriptor, a vector of `numbers` elements.
 
-    Its input is float (1, C, H, W) with 1 or 3 channels; its first output, of any shape, is the
-    vector. `size`, `mean`, `scale` and `color` of the input come from the model's metadata, from a
-    YAML file of the same name beside it, or from `given`; the defaults are those of ImageNet.
-    Weights may lie beside it, in `NAME.onnx.data`, where PyTorch writes them. `identity` is the
-    SHA-256 of these files; `wants_color` is true if the network uses colour. ModelError if
-    onnxruntime is missing, or if the model is larger than `reading` allows, is damaged, has other
-    files, custom operators or another input, or fails on an image.
+    Its input is float (1, C, H, W) with 1 channel, or 3 that all get the grey image; its first
+    output, of any shape, is the vector. `size`, `mean` and `scale` of the input come from the
+    model's metadata, from a YAML file of the same name beside it, or from `given`; the defaults
+    are those of ImageNet. Weights may lie beside it, in `NAME.onnx.data`, where PyTorch writes
+    them. `identity` is the SHA-256 of these files. ModelError if onnxruntime is missing, or if the
+    model is larger than `reading` allows, is damaged, has other files, custom operators or another
+    input, or fails on an image.
     """
 
     def __init__(
@@ -110,12 +105,12 @@ class OnnxModel:
         in_model = Input.of({name: metadata[name] for name in names}, path)
         where = beside if beside.is_file() else path
         self._configure(self._graph_input().with_others(in_model, path).with_others(chosen, where))
-        drawn = np.random.default_rng(0).integers(0, 256, (*self._size, 3), np.uint8)
+        drawn = np.random.default_rng(0).integers(0, 256, self._size, np.uint8)
         self.numbers = len(self(drawn))
 
     def __call__(self, image: npt.NDArray[np.uint8], /) -> npt.NDArray[np.float32]:
         """
-        Return the vector (n,) of an image, uint8 (H, W) or (H, W, 3): blue, green, red.
+        Return the vector (n,) of a grey image, uint8 (H, W).
 
         ModelError if the model fails, or its vector holds NaN or has another length than before.
         """
@@ -136,14 +131,8 @@ class OnnxModel:
     def _planes(self, image: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
         """Return an image as the model reads it, (C, H, W)."""
         height, width = self._size
-        if image.ndim == 3 and self._color == 'gray':
-            image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
-        if small.ndim == 2:
-            small = np.repeat(small[:, :, None], self._channels, axis=2)
-        elif self._color == 'rgb':
-            small = small[:, :, ::-1]
-        planes = small.transpose(2, 0, 1) / 255.0
+        planes = np.repeat(small[None], self._channels, axis=0) / 255.0
         return ((planes - self._mean) / self._scale).astype(self._type)
 
     def _opened(self, onnxruntime: Any, data: bytes, weights: bytes) -> Any:
@@ -179,10 +168,10 @@ class OnnxModel:
                 'tensor of shape (1, 1 or 3, height, width)'
             )
         self._input, self._type = inputs[0].name, _TYPES[inputs[0].type]
-        self._channels: int = sides[1] or 0
+        self._channels: int = sides[1] or 3
         height, width = sides[2:]
         size = (height, width) if height and width else None
-        return Input(size, color='gray' if self._channels == 1 else None)
+        return Input(size)
 
     def _configure(self, described: Input) -> None:
         """Set how images become the network's input."""
@@ -191,9 +180,7 @@ class OnnxModel:
                 f'{self._path}: takes images of any size; say `size: [height, width]` in '
                 f'{self._path.with_suffix(".yaml").name}'
             )
-        self._size, self._color = described.size, described.color or 'rgb'
-        self.wants_color = self._color != 'gray'
-        self._channels = self._channels or (3 if self.wants_color else 1)
+        self._size = described.size
         self._mean = self._per_channel(described.mean, IMAGENET_MEAN)
         self._scale = self._per_channel(described.scale, IMAGENET_SCALE)
 

@@ -11,7 +11,7 @@ import re
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import ImageError, printable, SourceError
-from convseq_ros.sources.images import gray_and_color, read_picture
+from convseq_ros.sources.images import gray_of, read_picture
 from convseq_ros.sources.raw_message import MAX_STAMP_NS
 
 IMAGE_SUFFIXES = frozenset(
@@ -96,8 +96,7 @@ class ImageFolder:
                 problem = unreadable(picture, error)
                 yield Frame(stamp_ns, None, printable(picture.name), problem=problem)
                 continue
-            gray, color = gray_and_color(pixels, self._reading)
-            yield Frame(stamp_ns, gray, printable(picture.name), color=color)
+            yield Frame(stamp_ns, gray_of(pixels), printable(picture.name))
 
     def _stamps(self, path: Path) -> list[int]:
         """Return the frames' stamps in nanoseconds; sort the pictures if they are in the names."""

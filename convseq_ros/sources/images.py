@@ -4,7 +4,7 @@
 Converts image messages, and the bytes of picture files, to grey images.
 
 Messages are duck-typed: their data may be bytes, an array or a view. Colour is always converted in
-the same way (BGR, then `gray_from_bgr`), so that the same picture in a folder, a recording and a
+the same way (BGR, then `gray_of`), so that the same picture in a folder, a recording and a
 camera's message gives the same pixels.
 """
 
@@ -31,16 +31,9 @@ _PIXEL_BYTES = 8  # largest pixel of a large picture: four numbers of 16 bits
 _JPEG_START, _JPEG_SCAN, _JPEG_END = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
 
 
-def gray_from_bgr(bgr: Pixels) -> Gray:
-    """Return the grey image (H, W) of a colour image (H, W, 3); used by all sources."""
-    return _uint8(cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY))
-
-
-def gray_and_color(pixels: Pixels, reading: ReadingConfig) -> tuple[Gray, Pixels | None]:
-    """Return the grey image of pixels (H, W) or (H, W, 3), and a copy of colour if it is kept."""
-    if pixels.ndim == 2:
-        return pixels, None
-    return gray_from_bgr(pixels), pixels.copy() if reading.keeps_color else None
+def gray_of(pixels: Pixels) -> Gray:
+    """Return the grey image (H, W) of pixels (H, W), or (H, W, 3): blue, green, red."""
+    return pixels if pixels.ndim == 2 else _uint8(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
 
 
 def message_pixels(message: RawMessage, reading: ReadingConfig = ReadingConfig()) -> Pixels:

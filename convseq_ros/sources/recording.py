@@ -13,7 +13,7 @@ from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ImageError, printable, SourceError
 from convseq_ros.sources.camera_info import camera_from_info, correction
-from convseq_ros.sources.images import gray_and_color, message_pixels
+from convseq_ros.sources.images import gray_of, message_pixels
 from convseq_ros.sources.mount import StaticTransforms
 from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.raw_message import IMAGE_TYPES, RawMessage, STAMP_END
@@ -126,8 +126,8 @@ class Recording:
                     f'{self._path}: images of {self.topic} carry no stamp; '
                     'the time of recording was taken instead'
                 )
-            gray, color = gray_and_color(pixels, self._reading)
-            yield Frame(message.stamp_ns, gray, self.topic, color=color, frame_id=message.frame_id)
+            gray = gray_of(pixels)
+            yield Frame(message.stamp_ns, gray, self.topic, frame_id=message.frame_id)
 
     def messages(self) -> Iterator[RawMessage]:
         """Yield the image messages undecoded, as CDR, except for those that have no stamp."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
-from convseq_ros.sources.images import gray_and_color
+from convseq_ros.sources.images import gray_of
 from convseq_ros.sources.raw_message import MAX_STAMP_NS
 import cv2
 import numpy as np
@@ -58,10 +58,10 @@ class Video:
                 is_read, image = capture.read()
                 if not is_read:
                     break
-                gray, color = gray_and_color(np.asarray(image, np.uint8), self._reading)
+                gray = gray_of(np.asarray(image, np.uint8))
                 own_ns = _nanoseconds(capture.get(cv2.CAP_PROP_POS_MSEC))
                 stamp_ns = own_ns if own_ns > stamp_ns else stamp_ns + self._interval_ns
-                yield Frame(stamp_ns, gray, f'{self.name} {count}', color=color)
+                yield Frame(stamp_ns, gray, f'{self.name} {count}')
                 count += 1
         finally:
             capture.release()

@@ -150,16 +150,15 @@ class Bridge(Node):
         self._send_by_stamp = send
 
     def _begin_descriptor(self) -> None:
-        from convseq_ros.config.reading_config import ReadingConfig
         from convseq_ros.core.encoding.descriptor import describe
         from convseq_ros.core.encoding.regions import global_descriptor
-        from convseq_ros.sources.images import gray_and_color, image_pixels
+        from convseq_ros.sources.images import gray_of, image_pixels
 
         kind = self._kinds['rtabmap_msgs/msg/GlobalDescriptor']
         descriptors = self.create_publisher(kind, 'global_descriptor', 10)
 
         def on_image(message: Image) -> None:
-            gray, _ = gray_and_color(image_pixels(message), ReadingConfig())
+            gray = gray_of(image_pixels(message))
             vector = np.asarray(global_descriptor(describe(gray).cells))
             descriptors.publish(messages.rtabmap_descriptor(self._kinds, message.header, vector))
 

@@ -25,34 +25,18 @@ import pytest
 pytestmark = pytest.mark.once
 
 CONFIG = Config(keyframes=EVERY_FRAME)
-BY_VECTOR = replace(CONFIG, matching=replace(CONFIG.matching, matching='descriptor'))
 COUNT = 40
 
 
 def small(image):
     """Return a copy of an image of 8 x 6 px, less its mean."""
-    gray = image if image.ndim == 2 else image.mean(axis=2)
-    tiny = cv2.resize(gray.astype(np.float32), (8, 6), interpolation=cv2.INTER_AREA)
+    tiny = cv2.resize(image.astype(np.float32), (8, 6), interpolation=cv2.INTER_AREA)
     return tiny - tiny.mean()
 
 
 def other(image):
     """Return another vector."""
     return small(image)[:3]
-
-
-class Reddish:
-    """Return how red an image is, row by row; wants colour."""
-
-    identity, wants_color = 'reddish', True
-
-    def __init__(self):
-        self.images = []
-
-    def __call__(self, image):
-        """Keep the image."""
-        self.images.append(image)
-        return cv2.resize(image.astype(np.float32), (2, 8)).ravel()
 
 
 @pytest.fixture
@@ -147,47 +131,19 @@ def test_places_are_added_with_vectors_to_a_map_that_grows(frames, tmp_path):
     assert len(grown.links) > 0.8 * COUNT
 
 
-def test_by_descriptors_alone_maps_have_no_cells_and_matches_no_confidence(frames, tmp_path):
-    path = tmp_path / 'map.db'
-    config = replace(BY_VECTOR, keyframes=EVERY_FRAME)
-    build_map(frames(), path, config, describe=small)
-    opened = open_map(path)
-    kept = opened.pictures(range(COUNT))
-    assert not any(one.packed.size or one.thumbnail or one.keypoints for one in kept)
-    matches = answers(PlaceRecognizer(opened, config, describe=small), frames(1))
-    found = accepted(matches)
-    assert len(found) > 0.6 * COUNT and found == [*range(COUNT)][-len(found) :]
-    assert {one.confidence for one in matches} == {None}
-    assert all(one.shift is None for match in matches for one in match.candidates)
-    assert [*link_map(opened)] == []
-    with pytest.raises(ConfigError, match='needs cells, the map keeps none'):
-        PlaceRecognizer(opened, CONFIG, describe=small)
-    with pytest.raises(MapError, match='descriptor_model'):
-        Pipeline(path, config)
-    online = replace(CONFIG, online=replace(CONFIG.online, mode='online'))
-    with pytest.raises(MapError, match='made without cells'):
-        Pipeline(path, online, describe=small)
-
-
 def test_a_vector_of_512_numbers_costs_little_more_than_1_kb_a_place(described, tmp_path):
     # Files have pages of 16 kB, so that it takes many places to see what one takes.
     vector, sizes = np.full(512, 0.04, np.float16), {}
-    for name, model, keeps_cells in (
-        ('cells', '', 1),
-        ('both', '#net', 1),
-        ('vectors', '#net', 0),
-    ):
-        asked = {'descriptor_model': model, 'keeps_cells': bool(keeps_cells)}
+    for name, model in (('cells', ''), ('both', '#net')):
         shown = replace(described(1), vector=vector if model else None)
         for count in (100, 1000):
-            whole = ReferenceMap(replace(CONFIG.encoding, **asked))
+            whole = ReferenceMap(replace(CONFIG.encoding, descriptor_model=model))
             for index in range(count):
                 whole.add_frame(Frame(10**18 + index, None, f'{index:019}.jpg'), shown)
             save_map(whole, tmp_path / 'map.db')
             sizes[name, count] = (tmp_path / 'map.db').stat().st_size
     a_place = {name: (sizes[name, 1000] - sizes[name, 100]) / 900 for name, _ in sizes}
     assert a_place['both'] - a_place['cells'] < 1100
-    assert a_place['vectors'] < 2 * 512 + 100
 
 
 @pytest.mark.parametrize(
@@ -218,23 +174,21 @@ def test_vectors_of_another_length_than_the_maps_are_refused(frames):
         recognizer.process(frames()[0])
 
 
-def test_colour_reaches_a_callable_that_wants_it_upright_and_masked(image):
-    mask = np.full((60, 80), 255, np.uint8)
+def test_a_callable_gets_the_grey_image_upright_and_masked(image):
+    mask, taken = np.full((60, 80), 255, np.uint8), []
     mask[:, :40] = 0
     encoding = replace(CONFIG.encoding, image_rotation_deg=180)
-    config, reddish = masked(replace(CONFIG, encoding=encoding), mask), Reddish()
+    config = masked(replace(CONFIG, encoding=encoding), mask)
+
+    def keeps(image):
+        taken.append(image)
+        return small(image)
+
     gray = image(1)
-    color = np.stack([gray, gray // 2, gray // 3], axis=2)
-    built = build_map([Frame(1, gray, color=color)], None, config, describe=reddish)
-    (taken,) = reddish.images
-    assert taken.shape == (120, 160, 3)
-    turned = np.rot90(color, 2)
-    assert (taken[:, :60] == turned[:, :60]).all()
-    assert (taken[:, 100:] == 128).all()
-    assert len(built) == 1
-    # Where there is no colour, it gets the grey image.
-    build_map([Frame(1, gray)], None, config, describe=reddish)
-    assert reddish.images[-1].shape == (120, 160)
+    assert len(build_map([Frame(1, gray)], None, config, describe=keeps)) == 1
+    assert taken[0].shape == (120, 160)
+    assert (taken[0][:, :60] == np.rot90(gray, 2)[:, :60]).all()
+    assert (taken[0][:, 100:] == 128).all()
 
 
 def test_a_map_names_its_descriptor_model_unless_it_is_built_in(frames, tmp_path):
@@ -244,7 +198,7 @@ def test_a_map_names_its_descriptor_model_unless_it_is_built_in(frames, tmp_path
     assert '#small' in MapReader(tmp_path / 'model').about()['encoding']
 
 
-@pytest.mark.parametrize('forged', ['"/etc/net.onnx"', '7', '"#x", "keeps_cells": "no"'])
+@pytest.mark.parametrize('forged', ['"/etc/net.onnx"', '7'])
 def test_a_forged_model_name_in_a_map_is_refused_as_damage(frames, tmp_path, forged):
     path = tmp_path / 'map.db'
     build_map(frames(count=3), path, CONFIG)

@@ -7,14 +7,11 @@ import struct
 from types import SimpleNamespace
 import zlib
 
-from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ImageError
-from convseq_ros.sources import open_source
 from convseq_ros.sources.images import (
     compressed_pixels,
     ENCODINGS,
-    gray_and_color,
-    gray_from_bgr,
+    gray_of,
     image_pixels,
     picture_pixels,
 )
@@ -27,10 +24,6 @@ import pytest
 BLUE, GREEN, RED = 200, 90, 30
 GRAY_OF_COLOUR = round(0.114 * BLUE + 0.587 * GREEN + 0.299 * RED)
 MOSAICS = {'rggb': 'RGGB', 'bggr': 'BGGR', 'gbrg': 'GBRG', 'grbg': 'GRBG'}
-
-
-def gray_of(pixels):
-    return gray_and_color(pixels, ReadingConfig())[0]
 
 
 def message(pixels, encoding, bigendian=0, padding=0, container=bytes):
@@ -82,7 +75,7 @@ def test_colour_encodings_agree_with_bgr(encoding, channels, padding):
     planes = {'B': bgr[..., 0], 'G': bgr[..., 1], 'R': bgr[..., 2], 'A': noise(7, 9)}
     pixels = np.stack([planes[channel] for channel in channels], axis=2)
     decoded = gray_of(image_pixels(message(pixels, encoding, padding=padding)))
-    np.testing.assert_array_equal(decoded, gray_from_bgr(bgr))
+    np.testing.assert_array_equal(decoded, gray_of(bgr))
 
 
 @pytest.mark.parametrize('padding', [0, 4])
@@ -116,7 +109,7 @@ def test_bayer_mosaic_of_a_drawn_picture_resembles_only_its_own_pattern(name):
     bgr = np.zeros((40, 40, 3), np.uint8)
     bgr[:20], bgr[20:, :20], bgr[20:, 20:] = (230, 40, 20), (20, 60, 240), (30, 220, 90)
     pixels = mosaic(MOSAICS[name], bgr)
-    wanted = gray_from_bgr(bgr).astype(int)
+    wanted = gray_of(bgr).astype(int)
     errors = {
         other: np.abs(gray_of(image_pixels(message(pixels, f'bayer_{other}8'))) - wanted).mean()
         for other in MOSAICS
@@ -216,7 +209,7 @@ def smooth(*shape):
 def test_png_is_exact_in_either_spelling_of_the_format(name):
     bgr = noise(8, 9, 3)
     fields = SimpleNamespace(format=name, data=cv2.imencode('.png', bgr)[1].tobytes())
-    np.testing.assert_array_equal(gray_of(compressed_pixels(fields)), gray_from_bgr(bgr))
+    np.testing.assert_array_equal(gray_of(compressed_pixels(fields)), gray_of(bgr))
 
 
 @pytest.mark.parametrize('name', ['jpeg', 'jpg', 'bgr8; jpeg compressed bgr8'])
@@ -225,7 +218,7 @@ def test_jpeg_is_close_in_either_spelling_of_the_format(name, container):
     bgr = smooth(40, 50, 3)
     data = cv2.imencode('.jpg', bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
     decoded = gray_of(compressed_pixels(SimpleNamespace(format=name, data=container(data))))
-    assert np.abs(decoded.astype(int) - gray_from_bgr(bgr)).mean() < 2
+    assert np.abs(decoded.astype(int) - gray_of(bgr)).mean() < 2
     assert decoded.flags.c_contiguous
     assert decoded.flags.owndata
 
@@ -264,44 +257,3 @@ def test_cut_pictures_are_image_errors(suffix, share, capfd):
 def test_an_invalid_picture_is_an_image_error(data):
     with pytest.raises(ImageError, match='cannot be decoded'):
         gray_of(picture_pixels(data))
-
-
-KEPT = ReadingConfig(keeps_color=True)
-BGR = np.full((8, 10, 3), (20, 60, 240), np.uint8)
-
-
-@pytest.mark.parametrize(
-    ('pixels', 'encoding'),
-    [(BGR, 'bgr8'), (BGR[:, :, ::-1], 'rgb8'), (mosaic('RGGB', BGR), 'bayer_rggb8')],
-)
-def test_colours_of_messages_are_blue_green_red(pixels, encoding):
-    fields = message(pixels, encoding)
-    gray, color = gray_and_color(image_pixels(fields, KEPT), KEPT)
-    assert (color == BGR).all()
-    assert (gray == gray_of(image_pixels(fields))).all()
-    assert color.flags.owndata and gray.shape == (8, 10)
-    assert gray_and_color(image_pixels(fields), ReadingConfig())[1] is None
-
-
-def test_a_jpeg_keeps_its_colours():
-    data = cv2.imencode('.jpg', BGR)[1].tobytes()
-    pixels = compressed_pixels(SimpleNamespace(format='jpeg', data=data), KEPT)
-    _, color = gray_and_color(pixels, KEPT)
-    assert np.abs(color.astype(int) - BGR).max() < 8
-
-
-def test_a_folder_and_a_video_keep_their_colours(tmp_path):
-    folder = tmp_path / 'folder'
-    folder.mkdir()
-    cv2.imwrite(str(folder / '1.png'), BGR)
-    video = tmp_path / 'drive.avi'
-    large = cv2.resize(BGR, (64, 48))
-    writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*'MJPG'), 20, (64, 48))
-    if writer.isOpened():
-        writer.write(large)
-        writer.release()
-    for path in (folder, *([video] if video.exists() else [])):
-        (kept,) = open_source(path, reading=KEPT)
-        assert np.abs(kept.color.reshape(-1, 3).mean(axis=0) - (20, 60, 240)).max() < 8
-        (plain,) = open_source(path)
-        assert plain.color is None and (plain.gray == kept.gray).all()

@@ -4,7 +4,8 @@
 The first stage: from an image to the vector by which likely places are looked up.
 
 The built-in vector is the global descriptor of the cells. A descriptor model, any callable from an
-image to a vector, may replace it, for example a network; all later stages stay the same.
+image to a vector, may replace it, for example a network; all later stages stay the same, and
+cells decide.
 """
 
 from dataclasses import replace
@@ -20,7 +21,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-HIDDEN = 128  # grey level, in all channels, of pixels that a mask hides from a model
+HIDDEN = 128  # grey level of pixels that a mask hides from a model
 _SHOWN = 13  # characters of an identity that are printed; a SHA-256 has 64
 _UNSAID = 'descriptor_model: the map has descriptors of a model; set it to the model, or give its '
 _UNSAID += 'function as `describe`'
@@ -28,10 +29,9 @@ _UNSAID += 'function as `describe`'
 
 class Describe(Protocol):
     """
-    A descriptor model: from an image, uint8 (H, W) or (H, W, 3) in BGR order, to a vector (n,).
+    A descriptor model: from a grey image, uint8 (H, W), to a vector (n,).
 
     It may have `identity`, a text that distinguishes it from other models (by default its name).
-    If its `wants_color` is true, it gets colour images if frames have them.
     """
 
     def __call__(self, image: npt.NDArray[np.uint8], /) -> npt.ArrayLike:
@@ -63,11 +63,6 @@ def model_name(identity: str) -> str:
     return f'descriptor_model {identity[:_SHOWN]}' if identity else 'the built-in descriptor'
 
 
-def wants_color(describe: Describe) -> bool:
-    """Return whether a model gets colour images, if there are any."""
-    return bool(getattr(describe, 'wants_color', False))
-
-
 def checked_vector(answer: npt.ArrayLike, numbers: int, whose: object) -> npt.NDArray[np.float32]:
     """
     Return a model's answer as a vector (n,).
@@ -86,21 +81,11 @@ def checked_vector(answer: npt.ArrayLike, numbers: int, whose: object) -> npt.ND
 
 
 def with_first_stage(config: Config, describe: Describe | None) -> Config:
-    """
-    Return a configuration as maps store it: with the identity of the model, not its path.
-
-    Images are read in colour if the model wants it. With `matching: descriptor`, maps store
-    neither cells nor thumbnails nor keypoints.
-    """
-    keyframes, encoding, reading = config.keyframes, config.encoding, config.reading
-    keeps_cells = config.matching.matching != 'descriptor'
-    encoding = replace(encoding, keeps_cells=keeps_cells)
-    if not keeps_cells:
-        keyframes = replace(keyframes, thumbnail_width_px=0, keypoints=0)
-    if describe:
-        encoding = replace(encoding, descriptor_model=identity_of(describe))
-        reading = replace(reading, keeps_color=wants_color(describe))
-    return replace(config, keyframes=keyframes, encoding=encoding, reading=reading)
+    """Return a configuration as maps store it: with the identity of the model, not its path."""
+    if not describe:
+        return config
+    encoding = replace(config.encoding, descriptor_model=identity_of(describe))
+    return replace(config, encoding=encoding)
 
 
 class FirstStage:
@@ -147,10 +132,8 @@ class FirstStage:
         return replace(descriptor, vector=unit(vector).astype(np.float16))
 
     def _image(self, frame: Frame) -> npt.NDArray[np.uint8]:
-        """Return the frame's image for the model, in colour if wanted; masked cells are grey."""
+        """Return the frame's image for the model; masked cells are grey."""
         image = frame.gray
-        if frame.color is not None and self._describe and wants_color(self._describe):
-            image = frame.color
         assert image is not None
         if not (mask := self._encoding.image_mask):
             return image

@@ -4,7 +4,6 @@
 
 from dataclasses import replace
 import math
-from typing import Any
 
 from convseq_ros.config import EncodingConfig, RobotConfig
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
@@ -25,12 +24,10 @@ def upright(frame: Frame, encoding: EncodingConfig, robot: RobotConfig = RobotCo
         x, y, z, *turn = robot.mount
         camera = replace(camera, mount=of_roll_pitch_yaw((x, y, z), *turn))
 
-    def turned(image: Any) -> Any:
-        return image if image is None else np.ascontiguousarray(np.rot90(image, turns))
-
-    names = ('gray', 'color') if turns else ()
-    images = {name: turned(getattr(frame, name)) for name in names}
-    return replace(frame, camera=camera, **images)
+    gray = frame.gray
+    if turns and gray is not None:
+        gray = np.ascontiguousarray(np.rot90(gray, turns))
+    return replace(frame, camera=camera, gray=gray)
 
 
 def _turned_left(camera: Camera) -> Camera:

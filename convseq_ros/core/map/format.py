@@ -44,8 +44,7 @@ TABLES = {
     # Relative: the 33 float64 of a `RelativePose`; NULL if it was not measured.
     'links': '(place INTEGER PRIMARY KEY, other INTEGER, anchor INTEGER, confidence REAL, '
     'inliers INTEGER, relative BLOB, crc32 INTEGER NOT NULL)',
-    # The descriptor model's vector, float16 of unit length, in a map that also keeps cells. A map
-    # without cells stores it as `pooled`.
+    # The descriptor model's vector, float16 of unit length; no row without a model.
     'vectors': '(reference_index INTEGER PRIMARY KEY, numbers BLOB NOT NULL, '
     'crc32 INTEGER NOT NULL)',
 }
@@ -57,7 +56,7 @@ UNUSED = (
     'crc32 INTEGER NOT NULL)',
 )
 # Settings of an encoding that a map stores, and those that must be the same for its queries.
-_LEFT_OUT = {'descriptor_model': '', 'keeps_cells': True}  # defaults, which are not stored
+_LEFT_OUT = {'descriptor_model': ''}  # a default, which is not stored
 _ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg', *_LEFT_OUT)
 _COMPARED = ('image_size_px', 'resize', 'image_rotation_deg')
 # The bits of a float16 as an integer: from here on it is infinite, not a number or negative.
@@ -111,7 +110,7 @@ class Settings:
             values = {**_LEFT_OUT, **json.loads(stored['encoding'])}
             encoding = EncodingConfig(**{name: values[name] for name in _ENCODING})
             model = encoding.descriptor_model
-            if (model and not model.startswith('#')) or type(encoding.keeps_cells) is not bool:
+            if model and not model.startswith('#'):
                 raise ValueError('settings: invalid descriptor_model')
             visible_cells(encoding.image_mask, cell_shape(encoding.image_size_px)[0])
             keyframes = KeyframeConfig(**json.loads(stored['keyframes']))
@@ -137,17 +136,14 @@ class Settings:
         return None
 
     def _other_model(self, wanted: EncodingConfig, grows: bool) -> str | None:
-        """Return why the descriptor model or the lack of cells does not fit; None if it does."""
+        """Return why the descriptor model does not fit; None if it does."""
         made, requested = self.encoding.descriptor_model, wanted.descriptor_model
-        # A map with cells can be read without its model, by the built-in descriptor.
-        if made != requested and (requested or grows or not self.encoding.keeps_cells):
+        # A map can be read without its model, by the built-in descriptor.
+        if made != requested and (requested or grows):
             return (
                 f'made with {model_name(made)}, asked for {model_name(requested)}; set '
                 'descriptor_model to the file that it was made with, or build the map again'
             )
-        if grows and self.encoding.keeps_cells != wanted.keeps_cells:
-            kept = 'with' if self.encoding.keeps_cells else 'without'
-            return f'made {kept} cells; set matching as it was built, or build the map again'
         return None
 
 

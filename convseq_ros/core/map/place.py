@@ -11,7 +11,6 @@ import numpy as np
 
 Packed = Halves
 
-NO_CELLS: Packed = np.zeros((0, 0, 0), np.float16)  # of a place without stored cells
 PACKED_UNIT = np.float32(64)  # divides stored cells, whose sums would overflow float16
 
 
@@ -38,7 +37,7 @@ class Place:
 class Picture:
     """The large data of a place, which are seldom needed."""
 
-    packed: Packed  # (S, S, 8), cells from `pack_cells`, or `NO_CELLS`
+    packed: Packed  # (S, S, 8), cells from `pack_cells`
     thumbnail: bytes = b''  # a small JPEG for people; empty if none was kept
     keypoints: bytes = b''  # as `encoding.keypoints` stores them; empty if none were kept
     image: bytes | None = None  # the frame as a JPEG, if it was kept

@@ -21,7 +21,7 @@ from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.crash_recovery import open_to_read
 from convseq_ros.core.map.database import as_map_error, Database, Rows
 from convseq_ros.core.map.format import decode_cells, MapSession, row_crc, Settings, unpacked_pose
-from convseq_ros.core.map.place import NO_CELLS, Picture
+from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
 
@@ -90,8 +90,7 @@ class MapReader:
         requested = without_path(encoding or stored)
         if reason := self.settings.mismatch(requested, keyframes):
             raise MapError(f'{path}: {reason}')
-        kept = {name: getattr(stored, name) for name in ('image_mask', 'keeps_cells')}
-        self.encoding = replace(requested, **kept)
+        self.encoding = replace(requested, image_mask=stored.image_mask)
         self.keyframes = keyframes or self.settings.keyframes
         self._cell_shape = cell_shape(self.encoding.image_size_px)
 
@@ -168,7 +167,7 @@ class MapReader:
 
     def _with_vectors(self, rows: Rows) -> Rows:
         """Return rows of `places`, with the model's vectors as descriptors if they are used."""
-        if not (self.encoding.descriptor_model and self.encoding.keeps_cells):
+        if not self.encoding.descriptor_model:
             return rows
         first, last = rows[0][0], rows[-1][0]
         vectors = self._database.checked(
@@ -191,9 +190,7 @@ class MapReader:
                     cells, thumbnail, keypoints = stored[index]
                     if not (isinstance(thumbnail, bytes) and isinstance(keypoints, bytes)):
                         raise ValueError(f'the thumbnail or keypoints of reference {index}')
-                    packed = NO_CELLS
-                    if self.encoding.keeps_cells:
-                        packed = decode_cells(cells, self._cell_shape)
+                    packed = decode_cells(cells, self._cell_shape)
                     (image,) = images.get(index, (None,))
                     pictures[index] = Picture(packed, thumbnail, keypoints, image)
         return [pictures[index] for index in indices]
@@ -215,9 +212,7 @@ class MapReader:
             raise ValueError(f'reference {min(end, *others)} is missing')
         pages, page_bytes = map(self._database.number, ('PRAGMA page_count', 'PRAGMA page_size'))
         size = pages * page_bytes
-        has_cells = self.encoding.keeps_cells
-        place_bytes = math.prod(self._cell_shape) * _BYTES_A_NUMBER if has_cells else 1
-        if end * place_bytes > size:
+        if end * math.prod(self._cell_shape) * _BYTES_A_NUMBER > size:
             raise ValueError(f'{end} places in {size} bytes')
         return int(end)
 

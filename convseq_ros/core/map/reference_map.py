@@ -18,7 +18,7 @@ from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.image_coding import decode_image, encode_image, thumbnail
-from convseq_ros.core.map.place import NO_CELLS, pack_cells, Packed, Picture, Place, unpack_cells
+from convseq_ros.core.map.place import pack_cells, Packed, Picture, Place, unpack_cells
 from convseq_ros.core.types import Camera, Descriptor, Frame, Gray, Halves, Pose
 from convseq_ros.errors import MapError
 import cv2
@@ -105,11 +105,8 @@ class ReferenceMap:
         if (gray := frame.gray) is not None:
             small, image = thumbnail(gray, thumbnail_width_px), encode_image(gray, keep_images_px)
             corners = self.detect(gray, keypoints).tobytes()
-        packed, vector = pack_cells(descriptor.cells), descriptor.vector
-        if not self.encoding.keeps_cells:
-            vector = global_descriptor(unpack_cells(packed)) if vector is None else vector
-            packed = NO_CELLS
-        self.add(place, packed, small, vector, image, corners)
+        packed = pack_cells(descriptor.cells)
+        self.add(place, packed, small, descriptor.vector, image, corners)
 
     def add(
         self,
@@ -122,11 +119,10 @@ class ReferenceMap:
     ) -> None:
         """Append a place; its global descriptor (n,) is computed from the cells by default."""
         shape, dtype = packed.shape, packed.dtype
-        expected = self.cell_shape if self.encoding.keeps_cells else NO_CELLS.shape
-        if shape != expected or dtype != np.float16:
-            raise ValueError(f'expected {expected} float16, got {shape} {dtype}')
+        if shape != self.cell_shape or dtype != np.float16:
+            raise ValueError(f'expected {self.cell_shape} float16, got {shape} {dtype}')
         if descriptor is None:
-            if self.encoding.descriptor_model or not self.encoding.keeps_cells:
+            if self.encoding.descriptor_model:
                 raise ValueError('expected the vector of the place, got None')
             descriptor = global_descriptor(unpack_cells(packed))
         if not self.sessions:

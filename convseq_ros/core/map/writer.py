@@ -103,16 +103,15 @@ class MapWriter:
         while self._sessions <= place.session:
             self.add_session(MapSession(str(uuid4()), '', place.stamp_ns))
         index, descriptor = self._count, global_descriptor.astype('<f2').tobytes()
-        encoding, vector = self.reader.encoding, descriptor
-        has_both = bool(encoding.descriptor_model) and encoding.keeps_cells
-        if has_both:  # the built-in descriptor, for use without the model
+        vector, has_model = descriptor, bool(self.reader.encoding.descriptor_model)
+        if has_model:  # the built-in descriptor, for use without the model
             descriptor = built_in(unpack_cells(picture.packed)).astype('<f2').tobytes()
         numbers = place.stamp_ns, place.source, *place.pose_numbers, place.session
         cells = picture.packed.astype('<f2').tobytes()
         self._insert('places', index, *numbers, descriptor)
         self._insert('pictures', index, cells, picture.thumbnail, picture.keypoints)
         self._insert('images', index, picture.image)
-        if has_both:
+        if has_model:
             self._insert('vectors', index, vector)
         self._count += 1
 

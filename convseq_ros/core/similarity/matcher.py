@@ -9,8 +9,6 @@ from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
-from convseq_ros.core.encoding.first_stage import vector_of
-from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.geometry.displacement import packed_regions, PackedRegions
 from convseq_ros.core.geometry.verification import field, motion, NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -19,7 +17,6 @@ from convseq_ros.core.similarity.feature_cache import FeatureCache
 from convseq_ros.core.similarity.kernels import coherent_kernel
 from convseq_ros.core.similarity.threads import Threads, usable_cores
 from convseq_ros.core.types import Descriptor, Indices, Row, Shift
-from convseq_ros.errors import ConfigError
 import numpy as np
 import numpy.typing as npt
 
@@ -147,47 +144,8 @@ def _packed(features: FeatureCache, index: int) -> PackedRegions | None:
     return None if reference is None else packed_regions(features.pair.regions_of(reference))
 
 
-class DescriptorMatcher(Matcher):
-    """Scores pairs by the cosine of their vectors, without cells, shifts or geometry."""
-
-    def __init__(self, reference_map: ReferenceMap) -> None:
-        self.kernel, self._map = 'cosine', reference_map
-
-    def reset(self) -> None: ...
-
-    def extract(self, descriptor: Descriptor) -> Features | None:
-        """Return the vector of a query at unit length, or None if it is zero."""
-        vector = unit(vector_of(descriptor).astype(np.float32))
-        return Features(vector) if vector.any() else None
-
-    def scores_of(self, requests: Sequence[tuple[Features, Indices]]) -> list[Row]:
-        """Return the cosines of each query with its references, (n,); negative ones become 0."""
-        scores = []
-        for query, indices in requests:
-            rows = unit(self._map.global_descriptors[indices].astype(np.float32))
-            scores.append(np.maximum(rows @ query.scored, 0.0))
-        return scores
-
-    def shift(self, _query: Features, _index: int) -> Shift | None:
-        """Return None: vectors give no shift."""
-        return None
-
-    def packed(self, _index: int) -> PackedRegions | None:
-        """Return None: there are no regions."""
-        return None
-
-    def warm_up(self) -> None: ...
-
-
 def make_matcher(reference_map: ReferenceMap, config: Config) -> Matcher:
-    """Return the matcher of a configuration; ConfigError if the map lacks cells for it."""
-    if config.matching.matching == 'descriptor':
-        return DescriptorMatcher(reference_map)
-    if not reference_map.encoding.keeps_cells:
-        raise ConfigError(
-            f'matching: {config.matching.matching} needs cells, the map keeps none; set matching '
-            'to descriptor'
-        )
+    """Return the matcher of a configuration."""
     kept = _KEPT if config.matching.search == 'shortlist' else None
     threshold = config.encoding.saliency_threshold
     return Matcher(reference_map, config.matching, threshold, kept)

@@ -24,7 +24,7 @@ from convseq_ros.node.outputs.answered import Answered
 from convseq_ros.node.outputs.counters import Counters
 from convseq_ros.node.outputs.result_log import ResultLog
 from convseq_ros.node.services.map_linking import MapLinking
-from convseq_ros.sources.images import gray_and_color, message_pixels
+from convseq_ros.sources.images import gray_of, message_pixels
 from convseq_ros.sources.raw_message import RawMessage
 
 _LOG_PERIOD_S = 5.0
@@ -128,7 +128,7 @@ class Recognition:
         """Use the built-in descriptor, and stop growing the map; raise the error if impossible."""
         self.model_problem = f'{error}; nothing is recognised'
         pipeline, config = self.pipeline, self.pipeline.cameras.config
-        if pipeline.path is None or not config.encoding.keeps_cells:
+        if pipeline.path is None:
             raise error
         pipeline.flush()
         encoding = replace(config.encoding, descriptor_model='')
@@ -151,11 +151,11 @@ class Recognition:
         stamp_ns, topic = arrival.stamp_ns, arrival.topic
         reading = self.pipeline.recognizer.config.reading
         try:
-            gray, color = gray_and_color(message_pixels(arrival.message, reading), reading)
+            gray = gray_of(message_pixels(arrival.message, reading))
         except ImageError as error:
             self.counters.unreadable += 1
             self._once.warn(f'{topic}: {one_line(error)}')
             return Frame(stamp_ns, None, topic, problem=str(error))
         camera = self.context.camera_for(topic, *gray.shape)
         frame_id = arrival.message.frame_id
-        return Frame(stamp_ns, gray, topic, camera=camera, color=color, frame_id=frame_id)
+        return Frame(stamp_ns, gray, topic, camera=camera, frame_id=frame_id)
