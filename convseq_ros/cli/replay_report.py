@@ -27,11 +27,12 @@ COLORS = {
     Reason.WARMING_UP: '#3bc9db', Reason.UNINFORMATIVE: '#868e96', Reason.UNREADABLE: '#c2255c',
     Reason.OUT_OF_ORDER: '#f783ac', Reason.NO_MAP: '#a08060', Reason.MAP_TOO_SHORT: '#c0a080',
 }  # fmt: skip
+_QUALITY = 60  # of a pair's JPEG, in percent: some 25 kB
 _REPEATED = Reason.STATIONARY, Reason.BETWEEN_KEYFRAMES  # the answer is that of a frame before
 
 
 class ReplayReport:
-    """Collects the answers of a replay, as a listener of it; some 20 kB for each picture."""
+    """Collects the answers of a replay, as a listener of it; some 25 kB for each picture."""
 
     def __init__(self) -> None:
         self._pairs: dict[str, list[Pair]] = {_words(reason): [] for reason in COLORS}
@@ -57,9 +58,10 @@ class ReplayReport:
             self._places[position] = best.reference_index
             if pose and match.pose:
                 self._fixes.append((matrix(match.pose.pose), matrix(pose)))
-        picture = cv2.imencode('.jpg', answer_picture(frame, match, recognizer))[1].tobytes()
+        picture = answer_picture(frame, match, recognizer)
+        jpeg = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
         caption = _caption(frame, match, recognizer.reference_map, at_s)
-        self._pairs[_words(match.reason)].append(Pair(caption, (picture,)))
+        self._pairs[_words(match.reason)].append(Pair(caption, (jpeg,)))
 
     def write(self, output: Path, title: str, recognizer: PlaceRecognizer) -> None:
         """Write the page; warn of what it lacks."""
@@ -81,7 +83,7 @@ class ReplayReport:
 
     def _over_time(self, recognizer: PlaceRecognizer) -> tuple[str, str]:
         """Return caption and chart of the confidence of each frame."""
-        axes = (figure := new_figure(8, 3)).add_subplot()
+        axes = (figure := new_figure(5, 3.6)).add_subplot()
         for reason, color in COLORS.items():
             points = [answer[:0:-1] for answer in self._answers if answer[0] is reason]
             if points:
@@ -112,7 +114,7 @@ class ReplayReport:
         drive = self.drive(recognizer)
         if not points and not np.isfinite(drive).any():
             return []
-        axes = (figure := new_figure(8, 6)).add_subplot()
+        axes = (figure := new_figure(6, 4.5)).add_subplot()
         axes.plot(*drive.T, linewidth=2.5, color='#1c7ed6', label='this drive')
         ends = ((drive[at], places[to]) for at, to in self._places.items() if to in points)
         known = ((start, end) for start, end in ends if np.isfinite(start).all())

@@ -16,7 +16,7 @@ from convseq_ros.io.regular_file import complete_or_absent
 import numpy as np
 
 Item = TypeVar('Item')
-MOST_PICTURES = 600  # on a page; with 20 kB each it stays below 20 MB
+MOST_PICTURES = 500  # on a page; with 25 kB each, and a third more in base64, below 20 MB
 _FEWEST = 4  # pairs of a kind that are shown at least
 
 
