@@ -130,7 +130,7 @@ class PlaceRecognizer:
         self._count += 1
         frame = upright(frame, self._encoding, self.config.robot)
         match = self._match(frame, descriptor)
-        return self.localizer.update(match, self.mapping.session_start, self.config)
+        return self.localizer.update(match, self.mapping.session_start)
 
     def _match(self, frame: Frame, descriptor: Descriptor | None) -> Match:
         """Return the answer to an upright frame, without the localisation."""

@@ -4,9 +4,7 @@
 
 from collections import Counter
 from dataclasses import replace
-import math
 
-from convseq_ros.config import Config
 from convseq_ros.core.graph.neighbourhood import Neighbourhood
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import constants, Localization, LocalizationState, Match, Reason
@@ -18,7 +16,7 @@ _SILENT = frozenset(
         Reason.OUT_OF_ORDER,
     }
 )  # fmt: skip
-_SURE = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
+_ACCEPTED = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
 
 
 @constants
@@ -33,9 +31,9 @@ class Localizer:
     """
     Keeps the state of a drive: `lost`, `candidate` or `localised`.
 
-    The robot is localised once a place has a probability of at least `min_confidence`. It stays
-    localised while that place, or one near it, has at least 50 %. A place with at least 10 % is a
-    candidate. In a map that grows, only places of earlier sessions count.
+    The robot is localised once a match is accepted. It stays localised while that place, or one
+    near it, has a probability of at least 50 %. A place with at least 10 % is a candidate. In a
+    map that grows, only places of earlier sessions count.
     """
 
     def __init__(self, reference_map: ReferenceMap) -> None:
@@ -48,24 +46,28 @@ class Localizer:
         )
         self._reasons: Counter[Reason] = Counter()  # of the frames since the robot was lost
 
-    def update(self, match: Match, usable: int, config: Config) -> Match:
+    def update(self, match: Match, usable: int) -> Match:
         """Return a match with the localization after it, among the first `usable` places."""
         if match.reason not in _SILENT:
             self._reasons[match.reason] += 1
-            self.localization = self._localize(match, usable, config.acceptance.min_confidence)
+            self.localization = self._localize(match, usable)
             if self.localization.state is LocalizationState.LOCALISED:
                 self._reasons.clear()
         return replace(match, localization=self.localization)
 
-    def _localize(self, match: Match, usable: int, least: float) -> Localization:
+    def _localize(self, match: Match, usable: int) -> Localization:
         place, quality = self._place(match, usable), match.confidence
-        mass = float(match.reason in _SURE) if quality is None else quality
+        is_accepted = match.reason in _ACCEPTED
+        mass = float(is_accepted) if quality is None else quality
         before = self.localization.reference_index
-        was_localised = self.localization.state is LocalizationState.LOCALISED
-        is_same = before is not None and place is not None and self._near.is_near(place, before)
-        if was_localised:
-            least = LOCALISED.stays if is_same else math.inf
-        if place is not None and mass >= least:
+        if self.localization.state is not LocalizationState.LOCALISED:
+            is_known = is_accepted
+        else:
+            is_same = (
+                before is not None and place is not None and self._near.is_near(place, before)
+            )
+            is_known = is_same and mass >= LOCALISED.stays
+        if place is not None and is_known:
             return Localization(LocalizationState.LOCALISED, quality, place)
         problem = self._problem(match)
         if place is not None and mass >= LOCALISED.candidate:

@@ -34,7 +34,7 @@ class Robot:
         found = tuple(Candidate(one, one, 0.5) for one in (best, *others) if one is not None)
         self.frame += 1
         match = Match(self.frame, self.frame, reason, found, 3, 9, confidence)
-        told = self.localizer.update(match, self.known, self.config)
+        told = self.localizer.update(match, self.known)
         assert told.localization == self.localizer.localization
         return told.localization
 
@@ -62,6 +62,16 @@ def test_the_confidence_of_a_match_decides_the_state_of_a_lost_robot(confidence,
     assert told.reference_index == (None if state is LOST else 40)
     assert (told.problem == '') == (state is LOCALISED)
     assert told.quality == (0.0 if state is LOST else confidence)
+
+
+@pytest.mark.parametrize(
+    'reason', [one for one in Reason if one not in (*SILENT, Reason.ACCEPTED, Reason.COOL_DOWN)]
+)
+def test_a_refused_frame_never_localises_a_lost_robot_and_keeps_a_localised_one(reason):
+    robot = Robot()
+    assert robot.sees(40, 0.97, reason).state is CANDIDATE
+    assert robot.sees(40, 0.97).state is LOCALISED
+    assert robot.sees(41, 0.97, reason).state is LOCALISED
 
 
 @pytest.mark.parametrize('reason', SILENT)
@@ -106,5 +116,5 @@ def test_the_localization_record_is_consistent_for_any_input(frames):
         assert (told.problem == '') == (told.state is LOCALISED)
         assert told.reference_index is None or told.reference_index < 200
         if before is not LOCALISED and told.state is LOCALISED:
-            assert confidence is None or confidence >= 0.9
+            assert reason in (Reason.ACCEPTED, Reason.COOL_DOWN)
         before = told.state
