@@ -3,29 +3,32 @@
 """
 Replay drives with other constants of the decision, and print what becomes of them.
 
-Usage: python scripts/fit_decision.py [--data FOLDER] [--change NAME=VALUE,... ...]
-[--fit NAME ...] [--processes 2]. On two cores it takes some minutes to encode the drives, and one
-for each change. A name is RECORD.name, such as BELIEF.entering. Each change is tried by itself. A
-constant to fit is multiplied and divided by 1.5, again and again, as long as the score grows.
+Usage: python scripts/fit_decision.py [--data FOLDER] [--real FOLDER] [--drawn] [--drives NAME ...]
+[--change NAME=VALUE,... ...] [--curve NAME ...] [--processes 2]. --data has the sets of the
+benchmark, --real those of real_drives.py. On two cores it takes some minutes to encode the drives,
+and less than one for each change. A name is RECORD.name, such as BELIEF.entering. Each change is
+tried by itself. A curve tries a constant at 0.5, 0.7, 0.85, 1.2, 1.4 and 2 times its value, and
+prints which value is chosen with each place left out in turn.
 
-The score is the mean of log(p + 0.001) over a drive's keyframes, where p is the probability that
-the belief gives to the truth: the places within the right distance, or *elsewhere*. It is summed
-over drives; 0 is perfect. A match is right within the right distance, and false beyond the wrong
-one; between them it counts as neither.
+A match is right within the right distance, and false beyond the wrong one; between them it counts
+as neither. A drive scores (right - 10 false) / keyframes whose place is in the map, or of all
+keyframes, if none is. A place scores the mean of its drives, and has one vote: the score is the
+mean over places. Drawn drives have no vote. Beside it stands the mean of log(p + 0.001), where p
+is the probability that the belief gives to the truth.
 """
 
 from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 import math
-from pathlib import Path
-import sys
 from typing import Any, NamedTuple
 
 from convseq_ros import build_map, PlaceRecognizer
 from convseq_ros.core.decision import (
     belief,
-    belief_decider,
+    budget,
     comparison,
+    light,
     likelihood,
     motion,
     observation,
@@ -33,27 +36,93 @@ from convseq_ros.core.decision import (
 )
 from convseq_ros.core.decision.decider import Answer
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import Descriptor, Frame
 from drives import head, options, progress, row
-from known_drives import Drive, Make, more, real, streets
+from known_drives import drawn_ones, Drive, Make, real
 import numpy as np
+from real_drives import in_other_light
 
 RECORDS = {
     'CELLS': likelihood.CELLS, 'COPIES': likelihood.COPIES, 'KEYPOINTS': usual_lead.KEYPOINTS,
-    'COMPARED': comparison.COMPARED, 'ASKED': observation.ASKED, 'BELIEF': belief.BELIEF,
-    'MOTION': motion.MOTION,
+    'COMPARED': comparison.COMPARED, 'BELIEF': belief.BELIEF,
+    'MOTION': motion.MOTION, 'LIGHT': light.LIGHT, 'BUDGET': budget.BUDGET,
 }  # fmt: skip
 FLOOR = 0.001  # of a probability: an answer cannot be more wrong than this
-FACTOR = 1.5
+COST = 10  # missed matches that a false one costs
+FACTORS = 0.5, 0.7, 0.85, 1.2, 1.4, 2.0  # of a curve
 Changes = dict[str, Any]
+Counts = Counter[str]
+
+
+class KeptMatcher(Matcher):
+    """A matcher that keeps what it computed, by the stamps of frame and place."""
+
+    kept: dict[tuple[str, int, int], Any]
+    now = 0  # stamp of the newest frame
+
+    def extract(self, descriptor: Descriptor) -> Features | None:
+        features = super().extract(descriptor)
+        if features is not None:
+            self._stamps[id(features)] = self.now, features
+        return features
+
+    def reset(self) -> None:
+        super().reset()
+        self._stamps = dict[int, tuple[int, Features]]()
+
+    def _known(
+        self, kind: str, query: Features, indices: Iterable[int], compute: Callable[..., Any]
+    ) -> list[Any]:
+        asked, (stamp, _) = [int(index) for index in indices], self._stamps[id(query)]
+        keys = {index: (kind, stamp, self._map.places[index].stamp_ns) for index in asked}
+        missing = [index for index in keys if keys[index] not in self.kept]
+        if missing:
+            found = compute(missing)
+            self.kept.update((keys[index], one) for index, one in zip(missing, found, strict=True))
+        return [self.kept[keys[index]] for index in asked]
+
+    def scores_of(self, requests: Any) -> Any:
+        def rows(query: Features, indices: Any) -> Any:
+            compute = super(KeptMatcher, self).scores_of
+            found = self._known(
+                'pair', query, indices, lambda few: compute([(query, np.array(few))])[0].tolist()
+            )
+            return np.array(found, np.float32)
+
+        return [rows(*request) for request in requests]
+
+    def rough_scores(self, query: Features, indices: Any) -> Any:
+        if query.rough is None or self._rough is None:
+            return None
+        compute = super().rough_scores
+        found = self._known('rough', query, indices, lambda few: compute(query, np.array(few)))
+        return np.array(found, np.float32)
+
+    def verified(self, query: Features, indices: Any) -> Any:
+        if query.packed is None:
+            return {}
+        compute = super().verified
+
+        def several(few: list[int]) -> list[Any]:
+            found = compute(query, few)
+            return [found[index] for index in few]
+
+        found = self._known('verified', query, indices, several)
+        return dict(zip(map(int, indices), found, strict=True))
+
+    def motion(self, query: Features, index: int) -> Any:
+        compute = super().motion
+        return self._known('motion', query, [index], lambda few: [compute(query, few[0])])[0]
 
 
 class Encoded(NamedTuple):
-    """A drive whose keyframes are encoded."""
+    """A drive whose keyframes are encoded, and what was compared."""
 
     drive: Drive
     made: ReferenceMap
     keyframes: list[tuple[Frame, Descriptor]]
+    kept: dict[tuple[str, int, int], Any]
 
 
 PREPARED: list[Encoded] = []  # of this process
@@ -63,17 +132,30 @@ def encoded(drive: Drive) -> Encoded:
     """Return a drive with its keyframes, which do not depend on the decision."""
     progress(f'encoding {drive.name}')
     made = build_map([frame for frame, _ in drive.mapped], None, drive.config)
-    recognizer, keyframes = PlaceRecognizer(made, drive.config), list[tuple[Frame, Descriptor]]()
+    one = Encoded(drive, made, [], {})
+    recognizer, matcher = keeping(one, made)
     decide = recognizer._decide
 
     def keep(frame: Frame, usable: int, missing: int) -> Answer:
-        keyframes.append((frame, recognizer._buffer.newest.descriptor))
+        one.keyframes.append((frame, recognizer._buffer.newest.descriptor))
         return decide(frame, usable, missing)
 
     recognizer._decide = keep
     for frame, _ in drive.queries:
+        matcher.now = frame.stamp_ns
         recognizer.process(frame)
-    return Encoded(drive, made, keyframes)
+    return one
+
+
+def keeping(one: Encoded, made: ReferenceMap) -> tuple[PlaceRecognizer, KeptMatcher]:
+    """Return a recogniser whose matcher and witness keep what they compute."""
+    config = one.drive.config
+    matcher = KeptMatcher(made, config.matching, config.encoding.saliency_threshold, 500)
+    matcher.kept = one.kept
+    matcher.reset()
+    recognizer = PlaceRecognizer(made, config, matcher=matcher)
+    keep_blocks(recognizer, matcher, made)
+    return recognizer, matcher
 
 
 def prepare(makers: list[Make]) -> None:
@@ -81,28 +163,54 @@ def prepare(makers: list[Make]) -> None:
     PREPARED.extend(encoded(make()) for make in makers)
 
 
-def replay(
-    drive: Drive, made: ReferenceMap, keyframes: list[tuple[Frame, Descriptor]]
-) -> Counter[str]:
-    """Return the score of a drive, and its right and false matches."""
+def replay(one: Encoded) -> Counts:
+    """Return what becomes of a drive: counts, and the sum of the logarithms."""
+    drive, made, counts = one.drive, one.made, Counts()
     if drive.config.online.grows:  # the map has grown, so begin with an empty one
         made = build_map([], None, drive.config)
-    recognizer, counts = PlaceRecognizer(made, drive.config), Counter[str]()
+    recognizer, matcher = keeping(one, made)
     queries = {frame.stamp_ns: here for frame, here in drive.queries}
     mapped = {frame.stamp_ns: here for frame, here in drive.mapped} or queries
-    logs = []
-    for frame, descriptor in keyframes:
+    begun = None
+    for number, (frame, descriptor) in enumerate(one.keyframes):
+        matcher.now = frame.stamp_ns
         match, here = recognizer.process(frame, descriptor), queries[frame.stamp_ns]
         places = made.places[: recognizer.mapping.usable]
         off = drive.off(here, np.array([mapped[one.stamp_ns] for one in places]))
+        is_known = bool((off <= drive.right).any())
+        counts['known'] += is_known
+        counts['asked'] += 1
+        if is_known and begun is None:
+            begun = number
         if (found := probability(recognizer, off, drive)) is not None:
-            logs.append(math.log(found + FLOOR))
+            counts['logs'] += math.log(found + FLOOR)  # type: ignore[assignment]
+            counts['told'] += 1
+        if match.candidates and is_known:
+            counts['best'] += bool(off[match.candidates[0].reference_index] <= drive.right)
         if match.accepted:
             away = off[match.accepted.reference_index]
             counts['right'] += bool(away <= drive.right)
             counts['false'] += bool(away > drive.wrong)
-    counts['score'] = float(np.mean(logs)) if logs else 0.0  # type: ignore[assignment]
+            if match.confidence is not None and match.confidence >= 0.99:
+                counts['sure'] += 1
+                counts['sure false'] += bool(away > drive.wrong)
+            if away <= drive.right and begun is not None and 'first' not in counts:
+                counts['first'] = number - begun
     return counts
+
+
+def keep_blocks(recognizer: PlaceRecognizer, matcher: KeptMatcher, made: ReferenceMap) -> None:
+    """Let the witness keep in how many blocks keypoints agree."""
+    witness = recognizer.decider._observer._witness
+    blocks = witness.blocks
+
+    def known(query: Any, place: int, *rest: Any) -> int:
+        key = 'blocks', matcher.now, made.places[place].stamp_ns
+        if key not in matcher.kept:
+            matcher.kept[key] = blocks(query, place, *rest)
+        return matcher.kept[key]
+
+    witness.blocks = known
 
 
 def probability(recognizer: PlaceRecognizer, off: np.ndarray, drive: Drive) -> float | None:
@@ -116,13 +224,13 @@ def probability(recognizer: PlaceRecognizer, off: np.ndarray, drive: Drive) -> f
     return believed.elsewhere if is_elsewhere else None
 
 
-def results(changes: Changes) -> dict[str, Counter[str]]:
-    """Return the counts of the drives of this process, with changed constants."""
+def results(changes: Changes) -> dict[str, tuple[str, Counts]]:
+    """Return the places and counts of the drives of this process, with changed constants."""
     before = {name: of(name) for name in changes}
     try:
         for name, value in changes.items():
             set_to(name, value)
-        return {one.drive.name: replay(*one) for one in PREPARED}
+        return {one.drive.name: (one.drive.place, replay(one)) for one in PREPARED}
     finally:
         for name, value in before.items():
             set_to(name, value)
@@ -139,9 +247,7 @@ def set_to(name: str, value: Any) -> None:
     record, _, field = name.partition('.')
     object.__setattr__(RECORDS[record], field, value)
     # What modules compute from constants when they are imported.
-    least = 1 - likelihood.CELLS.works
-    likelihood.UNVERIFIED = observation.UNVERIFIED = math.log(least)
-    belief_decider._DENIED = least / 2
+    likelihood.UNVERIFIED = observation.UNVERIFIED = math.log(1 - likelihood.CELLS.works)
 
 
 class Drives:
@@ -153,47 +259,103 @@ class Drives:
             for number in range(processes)
         ]
 
-    def score(self, changes: Changes) -> float:
-        """Replay all drives, print a row, and return the score."""
+    def replayed(self, changes: Changes) -> dict[str, tuple[str, Counts]]:
+        """Replay all drives; return their places and counts, by name."""
         waiting = [pool.submit(results, changes) for pool in self._pools]
-        found = {name: counts for one in waiting for name, counts in one.result().items()}
-        total = sum(counts['score'] for counts in found.values())
-        right, false = (sum(one[kind] for one in found.values()) for kind in ('right', 'false'))
-        each = (f'{name} {one["right"]}+{one["false"]}' for name, one in sorted(found.items()))
-        changed = ' '.join(f'{name}={value:.4g}' for name, value in changes.items())
-        row(changed or 'shipped', f'{total:.3f}', right, false, '; '.join(each))
-        return total
+        return {name: found for one in waiting for name, found in one.result().items()}
 
 
-def fitted(drives: Drives, name: str, changes: Changes, best: float) -> tuple[Changes, float]:
-    """Return the changes with a constant as good as it gets, and their score."""
-    for factor in (FACTOR, 1 / FACTOR):
-        first = best
-        while True:
-            tried = {**changes, name: changes.get(name, of(name)) * factor}
-            if (score := drives.score(tried)) <= best:
-                break
-            changes, best = tried, score
-        if best > first:
-            break
-    return changes, best
+def by_place(found: Mapping[str, tuple[str, Counts]]) -> dict[str, float]:
+    """Return the score of each place."""
+    scores = dict[str, list[float]]()
+    for place, counts in found.values():
+        if place:
+            asked = counts['known'] or counts['asked']
+            gained = counts['right'] - COST * counts['false']
+            scores.setdefault(place, []).append(gained / asked)
+    return {place: float(np.mean(some)) for place, some in sorted(scores.items())}
+
+
+def mean(scores: Mapping[str, float], but: str = '') -> float:
+    """Return the mean score of places, one of them left out."""
+    return float(np.mean([score for place, score in scores.items() if place != but] or [0.0]))
+
+
+def tell(name: str, found: Mapping[str, tuple[str, Counts]]) -> dict[str, float]:
+    """Print a row; return the score of each place."""
+    scores = by_place(found)
+    of_all = [counts for place, counts in found.values() if place] or [
+        counts for _, counts in found.values()
+    ]
+    right, false = (sum(one[kind] for one in of_all) for kind in ('right', 'false'))
+    logs = np.mean([counts['logs'] / max(1, counts['told']) for counts in of_all])
+    each = '; '.join(
+        f'{drive} {counts["right"]}' + (f'+{counts["false"]}' if counts['false'] else '')
+        for drive, (_, counts) in found.items()
+    )
+    row(name, f'{mean(scores):.4f}', f'{logs:.3f}', right, false, each)
+    return scores
+
+
+def details(found: Mapping[str, tuple[str, Counts]]) -> None:
+    """Print a row for each drive, and one for each place."""
+    head(
+        'drive', 'keyframes', 'known', 'best is right', 'right', 'false', 'first after', 'mean log'
+    )
+    for drive, (_, one) in found.items():
+        logs = f'{one["logs"] / max(1, one["told"]):.2f}'
+        first = one['first'] if 'first' in one else '-'
+        row(
+            drive, one['asked'], one['known'], one['best'], one['right'], one['false'], first, logs
+        )
+    print()
+    head('place', 'score')
+    for place, score in by_place(found).items():
+        row(place, f'{score:.3f}')
+    of_all = [counts for place, counts in found.values() if place]
+    sure, false = (sum(one[kind] for one in of_all) for kind in ('sure', 'sure false'))
+    print(f'\nOf {sure} matches with a confidence of .99 or more, {false} are false.\n')
+
+
+def curve(drives: Drives, name: str, shipped: Mapping[str, float]) -> None:
+    """Print what becomes of the drives along values of a constant, and the choices."""
+    scores = {of(name): shipped}
+    for factor in FACTORS:
+        value = of(name) * factor
+        value = round(value) if isinstance(of(name), int) else value
+        if value not in scores:
+            scores[value] = tell(f'{name}={value:.4g}', drives.replayed({name: value}))
+    chosen = {
+        place: max(scores, key=lambda value: mean(scores[value], place)) for place in shipped
+    }
+    for value in sorted(set(chosen.values())):
+        left_out = [place for place in chosen if chosen[place] == value]
+        print(f'{name}={value:.4g} is chosen without {", ".join(left_out)}')
+    held_out = np.mean([scores[value][place] for place, value in chosen.items()])
+    print(f'Places left out score {held_out:.4f}, with the shipped value {mean(shipped):.4f}.\n')
 
 
 def main() -> None:
-    """Encode, replay, and print a table."""
-    chosen = options(__doc__, data=None, change=[''], fit=[''], processes=2)
-    data: Path | None = chosen.data
-    makers = [*(real(data, {}) if data else ()), *more(data, {}), *streets({})]
-    drives, changes = Drives(makers, chosen.processes), Changes()
-    head('changed', 'score', 'right', 'false', 'right + false of each drive')
-    best = drives.score(changes)
+    """Encode, replay, and print tables."""
+    chosen = options(
+        __doc__, data=None, real=None, drawn=False, drives=[''], change=[''], curve=[''],
+        processes=2,
+    )  # fmt: skip
+    makers: Sequence[Make] = [
+        *(in_other_light(chosen.real) if chosen.real else ()),
+        *(real(chosen.data, {}) if chosen.data else ()),
+        *(drawn_ones({}) if chosen.drawn else ()),
+    ]
+    drives = Drives(list(makers), chosen.processes)
+    found = drives.replayed({})
+    details(found)
+    head('changed', 'score', 'mean log', 'right', 'false', 'right+false of each drive')
+    shipped = tell('shipped', found)
     for words in filter(None, chosen.change):
         pairs = (word.split('=') for word in words.split(','))
-        drives.score({name: float(value) for name, value in pairs})
-    for name in filter(None, chosen.fit):
-        changes, best = fitted(drives, name, changes, best)
-    for name, value in changes.items():
-        print(f'{name} = {value:.4g}', file=sys.stderr)
+        tell(words, drives.replayed({name: float(value) for name, value in pairs}))
+    for name in filter(None, chosen.curve):
+        curve(drives, name, shipped)
 
 
 if __name__ == '__main__':

@@ -112,7 +112,9 @@ def draw_shipped(axes: Any, leads: Values) -> None:
         density = np.exp(-(((leads - usual) / KEYPOINTS.sigma) ** 2) / 2)
         density /= KEYPOINTS.sigma * math.sqrt(2 * math.pi)
         axes.plot(leads, density, color='tab:green' if usual else 'tab:red', linewidth=0.8)
-    shares = UsualLead().entering(np.array([True]))[:, 0]
+    shares = UsualLead(lambda places, _: np.zeros(len(places))).entering(np.zeros(1, np.int64), 0)[
+        :, 0
+    ]
     ratios = np.array([shares @ ratios_of(lead) for lead in leads])
     beside = axes.twinx()
     beside.plot(leads, np.log(ratios), color='black', linewidth=0.8)

@@ -45,6 +45,7 @@ class Drive:
     right: float = RIGHT  # from the truth: an answer is right
     wrong: float = WRONG  # ... and wrong beyond
     lap: float = math.inf  # length after which positions repeat
+    place: str = ''  # the place on earth, which has one vote; drawn drives have none
 
     def off(self, here: float, there: np.ndarray) -> np.ndarray:
         """Return the distances (n,) of positions from one; nan where one is unknown."""
@@ -83,12 +84,22 @@ def of_corridor(folder: Path, changes: dict[str, Any], half: str = 'middle') -> 
     config = config_of(changes, keyframe_overlap=1.0)
     mapped, queries = (_counted(folder / name) for name in ('ref', 'query'))
     first, last = kept_halves(len(mapped))[half]
-    return Drive(f'corridor {half}', mapped[first:last], queries, config)
+    return Drive(f'corridor {half}', mapped[first:last], queries, config, place='corridor')
 
 
 def own_corridor(folder: Path, changes: dict[str, Any]) -> Drive:
     """Return the drive through the corridor, which maps its way."""
-    return Drive('own corridor', [], _counted(folder / 'ref'), config_of(changes, mode='online'))
+    config = config_of(changes, mode='online')
+    return Drive('own corridor', [], _counted(folder / 'ref'), config, place='corridor')
+
+
+def of_gardens(folder: Path, changes: dict[str, Any], half: str) -> Drive:
+    """Return the walk on the left side in half of a map of the right side."""
+    mapped, queries = (_counted(folder / name) for name in ('day_right', 'day_left'))
+    first, last = kept_halves(len(mapped))[half]
+    config = config_of(changes, keyframe_overlap=1.0)
+    kept = mapped[first:last]
+    return Drive(f'gardens {half}', kept, queries, config, 2, 10, place='gardens')
 
 
 def of_office(folder: Path, changes: dict[str, Any]) -> Drive:
@@ -97,7 +108,8 @@ def of_office(folder: Path, changes: dict[str, Any]) -> Drive:
         truth = {int(row['frame']): float(row['revisits']) for row in csv.DictReader(rows)}
     pictures = enumerate(ImageFolder(folder), start=1)
     queries = [(frame, truth.get(number, float(number))) for number, frame in pictures]
-    return Drive('rtabmap84', [], queries, config_of(changes, mode='online'))
+    config = config_of(changes, mode='online')
+    return Drive('rtabmap84', [], queries, config, place='rtabmap84')
 
 
 def of_laps(folder: Path, changes: dict[str, Any], what: str) -> Drive:
@@ -129,7 +141,7 @@ def of_laps(folder: Path, changes: dict[str, Any], what: str) -> Drive:
             for number, (frame, at) in enumerate(one for piece in pieces for one in piece)
         ]
     config = config_of(changes, mode='online' if what == 'online' else 'preloaded')
-    return Drive(f'laps {what}', mapped, queries, config, laps.RIGHT, laps.WRONG, laps.LAP)
+    return Drive(f'laps {what}', mapped, queries, config, laps.RIGHT, laps.WRONG, laps.LAP, 'laps')
 
 
 def of_aisles(seed: int, light: str, changes: dict[str, Any], what: str) -> Drive:
@@ -184,32 +196,26 @@ def streets(changes: dict[str, Any]) -> list[Make]:
     return [partial(of_street, pair, changes) for pair in PAIRS]
 
 
-def real(data: Path, changes: dict[str, Any]) -> list[Make]:
-    """Return the drives through the corridor and laps."""
-    of = partial(of_laps, data / 'laps', changes)
-    return [
-        partial(of, 'first'),
-        partial(of, 'other'),
-        partial(of_corridor, data / 'corridor', changes),
-    ]
-
-
-def more(data: Path | None, changes: dict[str, Any]) -> list[Make]:
-    """Return drives that map their own way, reverse, go into the night, jump, or have a twin."""
-    found: list[Make] = [partial(own_street, PAIRS[at], changes) for at in (2, 9, 11)]
+def drawn_ones(changes: dict[str, Any]) -> list[Make]:
+    """Return drawn drives: of streets, their own way, twins, in reverse gear, into the night."""
+    found = streets(changes)
+    found += [partial(own_street, PAIRS[at], changes) for at in (2, 9, 11)]
     for seed, light in ((1, 'day'), (2, 'evening')):
         found += [partial(of_aisles, seed, light, changes, what) for what in ('only A', 'turned')]
     found.append(partial(of_aisles, 1, 'day', changes, 'both'))
     found += [partial(in_reverse, street, changes) for street in (1, 2)]
-    found.append(partial(into_night, 3, changes))
-    if data:
-        corridor = partial(of_corridor, data / 'corridor', changes)
-        of = partial(of_laps, data / 'laps', changes)
-        found += [
-            partial(of, 'online'), partial(of, 'jumps'),
-            partial(of, 'half first'), partial(of, 'half middle'), partial(of, 'half last'),
-            partial(corridor, 'first'), partial(corridor, 'last'),
-            partial(own_corridor, data / 'corridor', changes),
-            partial(of_office, data / 'rtabmap84', changes),
-        ]  # fmt: skip
-    return found
+    return [*found, partial(into_night, 3, changes)]
+
+
+def real(data: Path, changes: dict[str, Any]) -> list[Make]:
+    """Return the drives through the corridor, laps, the garden path and the office."""
+    corridor, gardens = data / 'corridor', data / 'gardens_point'
+    halves = 'first', 'middle', 'last'
+    of_lap = 'first', 'online', 'jumps', 'half first', 'half middle', 'half last', 'other'
+    return [
+        *(partial(of_laps, data / 'laps', changes, what) for what in of_lap),
+        *(partial(of_corridor, corridor, changes, half) for half in halves),
+        partial(own_corridor, corridor, changes),
+        *(partial(of_gardens, gardens, changes, half) for half in halves),
+        partial(of_office, data / 'rtabmap84', changes),
+    ]

@@ -22,7 +22,7 @@ from convseq_ros.core import recognizer
 from convseq_ros.core.compiled import available, library
 from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.belief_decider import BeliefDecider
-from convseq_ros.core.decision.comparison import COMPARED
+from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.decision.light import Light
 from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Observer
@@ -70,7 +70,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
 }
 BY_PEAK = ('pair scores',)  # the stages whose time scales with the integer peak
 REST = 'the rest'
-_WARM_FRAMES = COMPARED.first_frames  # after these, fewer places are scored
+_WARM_FRAMES = BUDGET.first_frames  # after these, fewer places are scored
 _ROUNDS = 60
 _TOLERANCE = 2
 _PERIOD_NS = 100_000_000

@@ -260,44 +260,74 @@ def test_a_brightness_is_of_a_coarse_grid():
     assert brightness(gray[:1, :1]).shape == (32,)
 
 
+def difference(seen, shown, places=12, earlier=None):
+    """Return the difference of light from the first places, after a frame."""
+    seen.observe(shown, SHOWN)
+    found = seen.differences(np.arange(places), places if earlier is None else earlier)
+    assert (found == found[0]).all()
+    return found[0]
+
+
 @pytest.mark.parametrize('light', [1.0, 0.93, 0.6, 0.2])
 def test_the_difference_of_light_is_that_of_the_logarithms_of_brightness(walled, light):
     seen = Light(walled, True)
-    differences = [seen.difference(one, SHOWN, 12) for one in frames(12, light)]
+    found = [difference(seen, one) for one in frames(12, light)]
     # The logarithm is of four levels more than the brightness, which is 80 to 120 here.
-    assert differences[-1] == pytest.approx(-math.log(light), abs=0.06)
+    assert found[-1] == pytest.approx(-math.log(light), abs=0.06)
 
 
-def test_the_light_of_a_drive_is_its_mean_and_a_reset_forgets_it(walled):
+def test_the_light_is_that_of_the_last_frames_and_a_reset_forgets_it(walled):
     seen = Light(walled, True)
     (dark,), (light,) = frames(1, 0.5), frames(1)
-    first = seen.difference(dark, SHOWN, 12)
+    first = difference(seen, dark)
     assert first == pytest.approx(math.log(2), abs=0.06)
-    assert seen.difference(light, SHOWN, 12) == pytest.approx(first / 2, abs=0.06)
-    assert seen.difference(Frame(1, None), SHOWN, 12) == pytest.approx(first / 2, abs=0.06)
+    assert difference(seen, light) == pytest.approx(first / 2, abs=0.06)
+    assert difference(seen, Frame(1, None)) == pytest.approx(first / 2, abs=0.06)
     seen.reset()
-    assert seen.difference(light, SHOWN, 12) < 0.06
+    assert difference(seen, light) < 0.06
+    for _ in range(100):
+        difference(seen, light)
+    fallen = [difference(seen, dark) for _ in range(20)]
+    assert fallen[0] < 0.12 < 0.4 < fallen[9] < fallen[19]  # ten frames, whatever was before
 
 
 def test_without_thumbnails_or_images_the_light_is_unknown(walled):
     bare = build_map(
         frames(3), None, replace(OWN, keyframes=replace(EVERY_FRAME, thumbnail_width_px=0))
     )
-    assert Light(bare, True).difference(frames(1)[0], SHOWN, 3) == math.inf
-    assert Light(walled, True).difference(Frame(0, None), SHOWN, 12) == math.inf
-    assert Light(walled, False).difference(frames(1)[0], SHOWN, 12) == math.inf
+    assert difference(Light(bare, True), frames(1)[0], 3) == math.inf
+    assert difference(Light(walled, True), Frame(0, None)) == math.inf
+    assert difference(Light(walled, False), frames(1)[0]) == math.inf
+    assert difference(Light(walled, False), frames(1)[0], earlier=0) == 0  # of the running drive
 
 
-def test_the_light_difference_is_updated_as_the_map_grows():
+def grown_by(grown, descriptor, shown, seen=None):
+    for frame in shown:
+        if seen:
+            seen.observe(frame, descriptor)
+        grown.add_frame(frame, descriptor, 64)
+
+
+def test_each_session_has_a_light_of_its_own():
+    grown, descriptor = ReferenceMap(SMALL), describe(walls(1)[0], SMALL)
+    grown_by(grown, descriptor, frames(3))
+    grown.begin_session('night')
+    grown_by(grown, descriptor, frames(3, 0.2))
+    seen = Light(grown, True)
+    seen.observe(frames(1)[0], SHOWN)
+    by_day, by_night = seen.differences(np.array([1, 4]), 6)
+    assert by_day < 0.06 and by_night == pytest.approx(math.log(5), abs=0.2)
+
+
+def test_the_running_drive_was_seen_in_the_same_light_unless_night_has_fallen():
     grown = ReferenceMap(SMALL)
-    dim, light = frames(2, 0.5), frames(12)
-    seen, descriptor = Light(grown, True), describe(walls(1)[0], SMALL)
-    for frame in dim:
-        grown.add_frame(frame, descriptor, 64)
-    assert seen.difference(light[0], SHOWN, 2) > 0.6
-    for frame in light:
-        grown.add_frame(frame, descriptor, 64)
-    assert seen.difference(light[0], SHOWN, 14) < 0.15
+    seen, day, dusk, night = Light(grown, True), frames(30), frames(10, 0.75), frames(30, 0.2)
+    grown_by(grown, describe(walls(1)[0], SMALL), day, seen)
+    grown_by(grown, describe(walls(1)[0], SMALL), dusk, seen)
+    assert seen.differences(np.arange(40), 0).tolist() == [0] * 40
+    grown_by(grown, describe(walls(1)[0], SMALL), night, seen)
+    now = seen.differences(np.arange(70), 0)
+    assert (now[:30] > 0.6).all() and (now[60:] == 0).all()
 
 
 def answers(values):
@@ -322,7 +352,7 @@ def test_without_keypoints_cells_decide_alone_and_nothing_else_changes():
 def test_usual_leads_are_learned_only_from_matches_that_keypoints_verified(monkeypatch):
     learned = []  # of each match: whether its place is of the running drive
     monkeypatch.setattr(
-        UsualLead, 'learn', lambda _self, _states, current: learned.append(current)
+        UsualLead, 'learn', lambda *asked: learned.append(bool(asked[2] >= asked[3]))
     )
     answers({'keypoints': 0})
     assert not learned
@@ -356,10 +386,10 @@ def test_a_damaged_thumbnail_is_left_out_of_the_light(walled, monkeypatch):
 
     thumbnail = walled.thumbnail
     monkeypatch.setattr(walled, 'thumbnail', damaged)
-    assert Light(walled, True).difference(frames(1)[0], SHOWN, 12) < 0.06
+    assert difference(Light(walled, True), frames(1)[0]) < 0.06
 
 
 def test_without_keypoints_the_light_is_not_read(walled, monkeypatch):
     monkeypatch.delattr(type(walled), 'thumbnail')
     seen = Light(walled, False)
-    assert seen.difference(frames(1)[0], SHOWN, 12) == math.inf
+    assert difference(seen, frames(1)[0]) == math.inf

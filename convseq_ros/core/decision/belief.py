@@ -13,6 +13,7 @@ Sources: Hansen and Browning 2014 (SeqSLAM as a hidden Markov model); Xu, Suende
 
 import math
 
+from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.decision.likelihood import COPIES
 from convseq_ros.core.decision.motion import MOTION, MotionModel
 from convseq_ros.core.decision.usual_lead import STATES, UsualLead
@@ -27,15 +28,10 @@ class BELIEF:
 
     # Shares of mass, per keyframe.
     entering: float = 0.004  # of elsewhere: enters the map, evenly; of copies: they end
-    # Of what is lost, at a start or where a session ends: enters earlier drives, but so little at
-    # a place that no frame decides alone.
-    lost: float = 0.5
+    lost: float = 0.5  # of what is lost, at a start or where a session ends: is on earlier drives
     # Of each place: leaves the map; of all: enters, as a robot may be moved, or odometry fail.
     jumping: float = 5e-4
     sharing: float = 0.1  # of a place: moves to its other looks
-    shares_from: float = 1e-3  # mass from which on a place shares
-    widest: float = 20.0  # places; a larger sigma of the motion is cut off at 3 times this
-    least: float = 1e-9  # mass below which a place is dropped
 
 
 class Belief:
@@ -87,7 +83,7 @@ class Belief:
 
         Where no mass is, they are those of mass that enters.
         """
-        states = self._usual.entering(places >= earlier)
+        states = self._usual.entering(places, earlier)
         held = np.isin(places, self.places)
         mass = self._states[:, np.searchsorted(self.places, places[held])]
         states[:, held] = mass / mass.sum(axis=0)
@@ -106,9 +102,9 @@ class Belief:
         if not len(self.places):
             return
         places, mass, states = self._with_looks(usable)
-        velocities, columns = np.nonzero(mass > BELIEF.least)
+        velocities, columns = np.nonzero(mass > BUDGET.least)
         moved, sigmas = (values[velocities, columns] for values in self.motion.moved(places))
-        reach = math.ceil(3 * min(sigmas.max(initial=0.0), BELIEF.widest))
+        reach = math.ceil(3 * min(sigmas.max(initial=0.0), BUDGET.widest))
         near = np.rint(moved)[:, None] + np.arange(-reach, reach + 1)
         weights = np.exp(-0.5 * ((near - moved[:, None]) / sigmas[:, None]) ** 2)
         weights *= (mass[velocities, columns] / weights.sum(axis=1))[:, None]
@@ -116,7 +112,7 @@ class Belief:
         firsts, stops = (np.broadcast_to(bound, places.shape) for bound in spans)
         is_inside = near >= firsts[columns, None]
         is_inside &= near < np.minimum(stops, usable)[columns, None]
-        kept = is_inside & (weights > BELIEF.least)
+        kept = is_inside & (weights > BUDGET.least)
         self.places, where = np.unique(near[kept].astype(np.int64), return_inverse=True)
         count, weights = len(self.places), weights[kept]
         rows, sources = (np.repeat(one, kept.sum(axis=1)) for one in (velocities, columns))
@@ -127,9 +123,8 @@ class Belief:
         states /= states.sum(axis=0)
         at = (np.arange(STATES)[:, None] * count + where).ravel()
         arrived = _summed(at, (states[:, sources] * weights).ravel(), STATES, count)
-        stays = (1 - BELIEF.jumping) * self._usual.moved(
-            arrived, self.places >= earlier, BELIEF.entering
-        )
+        moved = self._usual.moved(arrived, self.places, earlier, BELIEF.entering)
+        stays = (1 - BELIEF.jumping) * moved
         self._mass, self._states = changed * stays.sum(axis=0) / arrived.sum(axis=0), stays
         self._nowhere = max(0.0, 1.0 - float(stays.sum()))
 
@@ -156,17 +151,17 @@ class Belief:
         mass, states = np.zeros((len(self._mass), count)), np.zeros((STATES, count))
         mass[:, at], states[:, at] = self._mass, self._states
         entering = BELIEF.entering * (self._nowhere - self._lost)
-        entering += min(BELIEF.lost, COPIES.all * earlier) * self._lost
+        entering += min(BELIEF.lost, COPIES.cells * earlier) * self._lost
         share = (entering * entry + BELIEF.jumping) / max(1, usable)
         mass += self.motion.prior[:, None] * share
         mass *= np.exp(log_ratios)
-        states += self._usual.entering(places >= earlier) * share
+        states += self._usual.entering(places, earlier) * share
         if keypoints is not None:
             states *= keypoints
         nowhere, self._lost = self._nowhere - entering, 0.0
         total = float(mass.sum()) + nowhere
         mass, self._nowhere = mass / total, nowhere / total
-        kept = mass.sum(axis=0) > BELIEF.least
+        kept = mass.sum(axis=0) > BUDGET.least
         self.places, self._mass, states = places[kept], mass[:, kept], states[:, kept]
         self._states = states * (self._mass.sum(axis=0) / states.sum(axis=0))
 
@@ -178,7 +173,7 @@ class Belief:
         """
         places, mass = self.places, np.vstack((self._mass, self._states))
         of_velocities = len(self._mass)
-        strong = np.flatnonzero(self._mass.sum(axis=0) > BELIEF.shares_from)
+        strong = np.flatnonzero(self._mass.sum(axis=0) > BUDGET.shares_from)
         shared = dict[int, Doubles]()
         for column in strong.tolist():
             looks = [look for look in self._map.links.looks(int(places[column])) if look < usable]

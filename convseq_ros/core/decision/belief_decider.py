@@ -7,7 +7,8 @@ import math
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.belief import Belief
-from convseq_ros.core.decision.comparison import COMPARED, Comparer
+from convseq_ros.core.decision.budget import BUDGET
+from convseq_ros.core.decision.comparison import Comparer
 from convseq_ros.core.decision.decider import Answer, candidate, Decider, distinct_peaks, Query
 from convseq_ros.core.decision.evidence import evidence_length, novelty
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
@@ -46,12 +47,12 @@ class BeliefDecider(Decider):
         matching, robot = config.matching, config.robot
         both, error = matching.both_directions, robot.odometry_way_error
         self._map, self._near = reference_map, Neighbourhood(reference_map)
-        self._usual = UsualLead()
+        keypoints = config.keyframes.keypoints
+        self._light = Light(reference_map, bool(keypoints))
+        self._usual = UsualLead(self._light.differences)
         self._belief = Belief(reference_map, MotionModel(reference_map, both, error), self._usual)
         self._jumps = OdometryJumps()
         self._prior = OdometryPrior(reference_map, robot, config.online.grows)
-        keypoints = config.keyframes.keypoints
-        self._light = Light(reference_map, bool(keypoints))
         witness = KeypointWitness(reference_map, keypoints)
         self._comparer = Comparer(coarse, matcher, self._near, matching.shortlist_length)
         self._matcher = matcher
@@ -85,7 +86,7 @@ class BeliefDecider(Decider):
     def decide(self, query: Query) -> Answer:
         """Return the likeliest places; the confidence is the mass of the first."""
         frame, belief, newest = query.frame, self._belief, query.buffer.newest.descriptor
-        self._usual.difference = self._light.difference(frame, newest, query.usable)
+        self._light.observe(frame, newest)
         if query.missing > BUFFER.longest_gap:
             belief.reset()
         pose = _used(frame.pose, query.config)
@@ -93,7 +94,7 @@ class BeliefDecider(Decider):
         belief.motion.move(pose, query.missing, new)
         self._prior.move(frame.stamp_ns, pose)
         belief.predict(query.usable, query.session_start)
-        compared = self._comparer.compare(query, belief.likeliest(COMPARED.peaks))
+        compared = self._comparer.compare(query, belief.likeliest(BUDGET.peaks))
         observed = self._observer.observe(query, compared, belief, new)
         entry = self._prior.entry_prior(observed.places, query.session_start)
         belief.update(
@@ -106,8 +107,6 @@ class BeliefDecider(Decider):
         )
         query.buffer.note(compared.row, self._evidence(observed))
         answer = self._answer(query, observed)
-        if answer.reason is not Reason.ACCEPTED:
-            self._usual.forget()
         return replace(answer, pairs_scored=compared.pairs_scored)
 
     def _evidence(self, observed: Observation) -> float:
@@ -132,7 +131,7 @@ class BeliefDecider(Decider):
             reason = Reason.RECENT
         elif is_sure and not self._prior.is_denied(best, query.session_start):
             if observed.asked:
-                self._usual.learn(belief.usual_leads(is_same), best >= query.session_start)
+                self._usual.learn(belief.usual_leads(is_same), best, query.session_start)
             reason, best = Reason.ACCEPTED, self._best_look(best, observed)
             implausible_m = self._prior.implausible_m(best, query.session_start)
             self._prior.fix(best)

@@ -10,6 +10,7 @@ pair scores. The best of these are verified.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.decision.decider import distinct_peaks, Query
 from convseq_ros.core.decision.likelihood import strength_of
 from convseq_ros.core.geometry.verification import Verification
@@ -22,20 +23,8 @@ import numpy as np
 
 @constants
 class COMPARED:
-    """Numbers of places that are scored and verified, beside the shortlist."""
+    """What decides besides the work: how near is beside, and how many controls are enough."""
 
-    # The first frames of a drive, up to its first match, search more places, as the mean
-    # descriptor of the drive is not known yet: on drawn nights, a median of 130 of 1,083 places
-    # have a better coarse score than the right one.
-    first_frames: int = 15
-    first_listed: int = 400  # in the first frames: listed by the newest frame alone
-    # The listed places that get a full pair score, the best by rough scores. On `laps`,
-    # 8 lose 2 % of the matches, and 16 gain nothing.
-    scored: int = 12
-    first_scored: int = 30  # in the first frames
-    peaks: int = 6  # best by pair score, apart from each other: they are verified. As many places,
-    # the likeliest by the predicted belief, are always scored ...
-    checked: int = 2  # ... and this many of them are always verified
     verify_radius: int = 2  # places to either side of the best that are verified, too
     fewest: int = 8  # controls that must be scored; with fewer, no place has a positive ratio
 
@@ -68,7 +57,7 @@ class Comparer:
 
     def end_search(self) -> None:
         """Compare frames with fewer places from now on: the drive has its first match."""
-        self._frames = COMPARED.first_frames
+        self._frames = BUDGET.first_frames
 
     def compare(self, query: Query, predicted: Sequence[int]) -> Comparison:
         """Compare a query with places, among them the likeliest as `predicted`, best first."""
@@ -76,17 +65,17 @@ class Comparer:
         features, before = query.features, np.array(predicted, np.int64)
         row = np.full(query.usable, np.nan, np.float32)
         self._frames += 1
-        is_first = self._frames <= COMPARED.first_frames
-        newest = COMPARED.first_listed if is_first else self._listed // 4
+        is_first = self._frames <= BUDGET.first_frames
+        newest = BUDGET.first_listed if is_first else self._listed // 4
         likely = np.union1d(self._coarse.best(self._listed, newest), before)
-        most = COMPARED.first_scored if is_first else COMPARED.scored
+        most = BUDGET.first_scored if is_first else BUDGET.scored
         likely = self._promising(features, likely, most)
         pairs = self._score(features, np.union1d(likely, before), row)
         places, scores = _scored(row)
         if not len(places):
             return Comparison(row, pairs, places, scores, {}, ())
-        peaks = self._peaks(places, scores, COMPARED.peaks)
-        checked = [place for place in before[: COMPARED.checked].tolist() if place in places]
+        peaks = self._peaks(places, scores, BUDGET.peaks)
+        checked = [place for place in before[: BUDGET.checked].tolist() if place in places]
         verified = self._verified(features, {}, [*peaks, *checked])
         best = _strongest(verified, peaks[0])
         beside = places[self._near.within(places, best, COMPARED.verify_radius)]
@@ -97,7 +86,7 @@ class Comparer:
             pairs += self._score(features, others, row)
             places, scores = _scored(row)
             is_away = ~self._near.mask(places, best)
-            more = self._peaks(places[is_away], scores[is_away], COMPARED.peaks - 1)
+            more = self._peaks(places[is_away], scores[is_away], BUDGET.peaks - 1)
             verified = self._verified(features, verified, more)
             peaks += more
         return Comparison(row, pairs, places, scores, verified, peaks)

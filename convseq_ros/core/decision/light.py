@@ -1,72 +1,101 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The light of a drive and of the map, by their mean brightness on a coarse grid.
+How much the light differs from that in which places were seen: by brightness on a coarse grid.
 
 Keypoints repeat in like light only.
 """
 
-import math
-
+from convseq_ros.core.decision.budget import BUDGET
+from convseq_ros.core.decision.usual_lead import KEYPOINTS
 from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.map.image_coding import decode_jpeg
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import constants, Descriptor, Doubles, Frame, Gray
+from convseq_ros.core.types import constants, Descriptor, Doubles, Frame, Gray, Indices
 from convseq_ros.errors import MapError
 import numpy as np
 
 
 @constants
 class LIGHT:
-    """How the brightness of drive and map is read."""
+    """How light is told by brightness; engineering."""
 
-    places: int = 60  # of the map, evenly spread, that are read
-    frames: int = 100  # memory of the drive's mean
-    growth: float = 1.25  # of the map, after which it is read again
+    frames: int = 10  # memory of the drive's mean: the last seconds; 5 is as good
 
 
 class Light:
-    """The light of one camera's drive and of its map; without `is_read` it is unknown."""
+    """
+    The light of one camera's drive, and of the places of its map; without `is_read` it is unknown.
+
+    A place of an earlier drive was seen in the mean light of its session; a place of the running
+    drive in that of the frames around it.
+    """
 
     def __init__(self, reference_map: ReferenceMap, is_read: bool) -> None:
         self._map, self._is_read = reference_map, is_read
-        self._read = 0  # number of places when the map's brightness was read
-        self._of_map: Doubles | None = None
+        self._of_sessions = dict[int, Doubles | None]()  # mean brightness (32,), by first place
         self.reset()
 
     def reset(self) -> None:
         """Forget the drive."""
-        self._of_drive: Doubles | None = None
+        self._now: Doubles | None = None
         self._frames = 0
+        # Of the running drive: number of places of the map at a frame, and the brightness then.
+        self._begun, self._then = list[int](), list[Doubles]()
 
-    def difference(self, frame: Frame, descriptor: Descriptor, usable: int) -> float:
-        """
-        Take in a frame; return how much drive and map differ in light, infinity if unknown.
-
-        It is the mean difference of logarithms of brightness. Measured: .05 by day, .2 in
-        corridor, .3 in the evening, .6 in rain, .9 at night.
-        """
+    def observe(self, frame: Frame, descriptor: Descriptor) -> None:
+        """Take in the brightness of the newest frame."""
         if not self._is_read:
-            return math.inf
+            return
         new = descriptor.brightness
         if new is None and frame.gray is not None:
             new = brightness(frame.gray)
-        if new is not None:
-            self._frames = min(self._frames + 1, LIGHT.frames)
-            before = new if self._of_drive is None else self._of_drive
-            self._of_drive = before + (new - before) / self._frames
-        if usable > LIGHT.growth * self._read:
-            self._read, self._of_map = usable, self._mean(usable)
-        if self._of_drive is None or self._of_map is None:
-            return math.inf
-        return float(abs(self._of_drive - self._of_map).mean())
+        if new is None:
+            return
+        memory = min(self._frames + 1, LIGHT.frames)
+        before = new if self._now is None else self._now
+        self._now = before + (new - before) / memory
+        if self._frames % LIGHT.frames == 0:
+            self._begun.append(len(self._map))
+            self._then.append(self._now)
+        self._frames += 1
 
-    def _mean(self, usable: int) -> Doubles | None:
-        """Return the mean brightness (32,) of places' thumbnails; None without any."""
-        places = np.unique(np.linspace(0, usable - 1, LIGHT.places).astype(int))
-        images = [self._thumbnail(place) for place in places.tolist()]
-        known = [brightness(image) for image in images if image is not None]
-        return np.mean(known, axis=0) if known else None
+    def differences(self, places: Indices, earlier: int) -> Doubles:
+        """
+        Return by how much (n,) the light differs from that of places (n,); infinity if unknown.
+
+        It is the mean difference of logarithms of brightness. Measured: .05 by day, .2 in
+        corridor, .3 in the evening, .6 in rain, .9 at night. The first `earlier` places are those
+        of earlier drives. Others were seen in the same light, so the difference is 0, unless it is
+        one as of day and night, `KEYPOINTS.dark`: below, scenes along a drive differ as much.
+        """
+        is_earlier = places < earlier
+        if self._now is None:
+            return np.where(is_earlier, np.inf, 0.0)
+        firsts, _ = self._map.bounds.spans(places)
+        of_session = np.broadcast_to(firsts, places.shape)
+        of_drive = np.searchsorted(self._begun, places, 'right') - 1
+        key = np.where(is_earlier, -1 - of_session, np.maximum(of_drive, 0))
+        kinds, which = np.unique(key, return_inverse=True)
+        found = np.array([self._difference(kind) for kind in kinds.tolist()])[which]
+        return np.where(is_earlier | (found >= KEYPOINTS.dark), found, 0.0)
+
+    def _difference(self, kind: int) -> float:
+        """Return the difference from stretch `kind` of the drive, or from session -1 - `kind`."""
+        assert self._now is not None
+        then = self._then[kind] if kind >= 0 else self._of_session(-1 - kind)
+        return np.inf if then is None else float(abs(self._now - then).mean())
+
+    def _of_session(self, first: int) -> Doubles | None:
+        """Return the mean brightness (32,) of an earlier drive, by its first place."""
+        if first not in self._of_sessions:
+            _, end = self._map.bounds.span(first)
+            last = min(end, len(self._map)) - 1
+            places = np.unique(np.linspace(first, last, BUDGET.seen).astype(int))
+            images = [self._thumbnail(place) for place in places.tolist()]
+            known = [brightness(image) for image in images if image is not None]
+            self._of_sessions[first] = np.mean(known, axis=0) if known else None
+        return self._of_sessions[first]
 
     def _thumbnail(self, place: int) -> Gray | None:
         """Return the thumbnail (H, W) of a place; None if there is none, or it is damaged."""

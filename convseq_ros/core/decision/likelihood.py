@@ -40,7 +40,10 @@ class CELLS:
 class COPIES:
     """How often another place looks like the true one."""
 
-    all: float = 0.0015  # share of frames elsewhere that look like a place in every respect
+    # Shares of frames elsewhere that look like a place: by cells in every respect; by keypoints
+    # that agree as a scene.
+    cells: float = 0.002
+    scenes: float = 1e-4
     along: float = 0.3  # share of drives elsewhere along which the strongest place moves, too
 
 
@@ -76,9 +79,12 @@ def gumbel_scale(best: Doubles) -> float | None:
 
 def gain_of(follows: float, chance: float, affirmed: float = 1.0) -> float:
     """
-    Return the gain of the strongest place for being the strongest: -log q of `log_ratios`.
+    Return the gain of the strongest place for being the strongest: -log q.
 
-    The arguments are those of `Evidence`.
+    With the belief f that expects it there (`follows`), the chance 9 / N, the share s of drives
+    elsewhere along which the strongest place moves as well, and the ratio K of its keypoints,
+
+        q = min(1, f s / (s + (1 - s) min(1, K)) + 9 / N)
     """
     along = COPIES.along / (COPIES.along + (1 - COPIES.along) * min(1.0, affirmed))
     return -math.log(min(1.0, follows * along + chance))
@@ -125,26 +131,32 @@ class Likelihood:
         """
         Return the logarithms (n,) of the likelihood ratios of verified places.
 
-        With the density ratio e^c of the cells, the probability r that they show a true place,
-        and the density ratio e^k of the keypoints, the ratio is
+        The ratio of place i is that of its cells times that of its keypoints:
 
-            R = (r e^c / q + 1 - r) e^k,  divided by  1 + a max R  down to 1
+            C = r e^c / q + 1 - r,  divided by  1 + a max C,  down to 1
+            K = sum of P(u) exp(u (x - u / 2) / sigma^2),  divided by  1 - b + b K
 
-        q is the chance that the strongest place of the map lies where it lies, if the drive is
-        elsewhere: 9 in N, or more if the belief followed it, since the strongest place moves
-        along in a share of copies; for all other places q is 1. a is the share of frames elsewhere
-        that look like the best place in every respect, so no frame decides alone.
+        c is the log density ratio of the cells' leads (`Leads.cells`), and r the probability that
+        cells show a true place. q is the chance that the strongest place of the map lies where it
+        lies, if the drive is elsewhere (`gain_of`); for all other places q is 1. The sum is over
+        the states of a place, its usual leads u, by the keypoints' lead x (`ratios_of`).
+
+        a and b say how often another place looks the same: a is the share of frames elsewhere
+        whose cells look like a place in every respect, so cells decide in no single frame; b is
+        that of those whose keypoints agree as a scene, so keypoints decide in one or two.
 
         A frame hardly tells a place from its neighbours, so a place has at least the logarithm of
         one beside it, less a loss per place. A positive logarithm is multiplied by the weight.
         """
         gain = gain_of(evidence.follows, evidence.chance, evidence.affirmed)
         spoken = math.log(CELLS.works) + evidence.cells + gain * evidence.is_strongest
-        total = np.logaddexp(spoken, math.log(1 - CELLS.works)) + evidence.keypoints
-        bound = np.logaddexp(0.0, total.max() + math.log(COPIES.all))
-        bounded = np.minimum(total, np.maximum(total - bound, 0.0))
-        alike = (bounded[:, None] - CELLS.loss_per_place * evidence.distances).max(axis=0)
-        return np.asarray(np.where(alike > 0, evidence.weight * alike, alike))
+        cells, keypoints = np.logaddexp(spoken, math.log(1 - CELLS.works)), evidence.keypoints
+        bound = np.logaddexp(0.0, cells.max() + math.log(COPIES.cells))
+        total = np.minimum(cells, np.maximum(cells - bound, 0.0))
+        rest, alike = math.log(1 - COPIES.scenes), math.log(COPIES.scenes)
+        total += keypoints - np.logaddexp(rest, keypoints + alike)
+        shared = (total[:, None] - CELLS.loss_per_place * evidence.distances).max(axis=0)
+        return np.asarray(np.where(shared > 0, evidence.weight * shared, shared))
 
     def leads(self, strengths: Doubles, scores: Doubles, is_rival: Flags) -> Leads:
         """

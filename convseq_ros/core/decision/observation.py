@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import math
 
 from convseq_ros.core.decision.belief import Belief
+from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.decision.comparison import COMPARED, Comparison, has_controls
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
@@ -23,18 +24,8 @@ from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.similarity.matcher import Matcher
-from convseq_ros.core.types import constants, Doubles, Indices
+from convseq_ros.core.types import Doubles, Indices
 import numpy as np
-
-
-@constants
-class ASKED:
-    """About which places keypoints are asked, and when."""
-
-    strongest: int = 3  # the most places, apart from each other; the likeliest is asked as well
-    # None is asked if cells agree with the belief, and its doubt is at most this share of what a
-    # match may leave.
-    doubt: float = 0.1
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -82,7 +73,7 @@ class Observer:
         leads = self._likelihood.leads(strengths, scores, is_rival)
         follows, chance = self._expected(query, belief, best)
         asked = dict[int, Asked]()
-        by_cells = leads.cells.max() + gain_of(follows, chance)
+        by_cells = float(leads.cells[examined == best][0]) + gain_of(follows, chance)
         if by_cells < KEYPOINTS.surprising or not self._is_sure(query, belief, best):
             asked = self._asked(query, belief, strongest)
         keypoints = self._by_keypoints(places, asked)
@@ -98,7 +89,8 @@ class Observer:
             math.exp(asked[best].ratio) if best in asked else 1.0,
             _weight(query, novelty) if has_rivals else 0.0,
         )
-        log_ratios = self._of_all(places, examined, self._likelihood.log_ratios(evidence))
+        log_ratios = np.full(len(places), UNVERIFIED)
+        log_ratios[at] = self._likelihood.log_ratios(evidence)
         by_state = keypoints if asked else None
         return Observation(places, log_ratios, verified, has_rivals, leads, asked, by_state)
 
@@ -107,16 +99,14 @@ class Observer:
         chance = min(1.0, (LINKS.neighbour_radius + 1) / query.usable)
         if belief.elsewhere >= 1:
             return 0.0, chance
-        return self._mass(belief, best, COMPARED.verify_radius) / (1 - belief.elsewhere), chance
+        is_beside = self._near.within(belief.places, best, COMPARED.verify_radius)
+        return float(belief.mass[is_beside].sum()) / (1 - belief.elsewhere), chance
 
     def _is_sure(self, query: Query, belief: Belief, best: int) -> bool:
         """Return whether the belief expects the strongest place, with hardly any doubt."""
-        doubted = ASKED.doubt * (1 - query.config.acceptance.min_confidence)
-        return 1 - self._mass(belief, best, SAME_PLACE) <= doubted
-
-    def _mass(self, belief: Belief, place: int, distance: int) -> float:
-        """Return the probability of the places within a distance of a place."""
-        return float(belief.mass[self._near.within(belief.places, place, distance)].sum())
+        doubted = BUDGET.doubt * (1 - query.config.acceptance.min_confidence)
+        is_same = self._near.mask(belief.places, best, SAME_PLACE)
+        return 1 - float(belief.mass[is_same].sum()) <= doubted
 
     def _asked(self, query: Query, belief: Belief, strongest: Indices) -> dict[int, Asked]:
         """
@@ -128,7 +118,7 @@ class Observer:
         features, chosen = query.features, list[int]()
         for place in strongest.tolist():
             is_apart = not any(self._near.is_near(place, other) for other in chosen)
-            if is_apart and len(chosen) < ASKED.strongest:
+            if is_apart and len(chosen) < BUDGET.asked:
                 chosen.append(place)
         for place in belief.likeliest(1):
             is_beside = self._near.within(np.array(chosen), place, COMPARED.verify_radius)
@@ -162,20 +152,6 @@ class Observer:
             by_state[:, beside] = np.minimum(by_state[:, beside], ratios)
             by_state[:, places == place] = ratios
         return by_state
-
-    def _of_all(self, places: Indices, examined: Indices, log_ratios: Doubles) -> Doubles:
-        """
-        Return the log ratios (n,) of places, from those (m,) of the examined ones among them.
-
-        Others have the least that cells leave, or as little as the examined one nearest to them.
-        """
-        distances = self._near.distances(places, examined, SAME_PLACE)
-        nearest = distances.min(axis=0)
-        is_nearest = np.isfinite(distances) & (distances == nearest)
-        ratios = np.where(is_nearest, log_ratios[:, None], -np.inf).max(axis=0)
-        of_all = np.where(np.isfinite(nearest), np.minimum(ratios, UNVERIFIED), UNVERIFIED)
-        of_all[np.searchsorted(places, examined)] = log_ratios
-        return of_all
 
 
 def _weight(query: Query, novelty: float) -> float:

@@ -13,7 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
 
-from convseq_ros.core.types import constants, Doubles, Flags
+from convseq_ros.core.decision.likelihood import COPIES
+from convseq_ros.core.types import constants, Doubles, Indices
 import numpy as np
 
 
@@ -34,11 +35,7 @@ class KEYPOINTS:
     # Share of the mass of a place that takes its usual lead anew, per keyframe; also the weight of
     # the last match in what is learned of the drive.
     changing: float = 0.1
-    # Share of what is learned of the drive that is forgotten, per keyframe without a match: what
-    # the light lets expect takes its place.
-    forgetting: float = 0.002
-    copies: float = 0.001  # share of mass that enters the map at a copy of a place
-    sigma: float = 1.6  # of the leads of true places, and of others about 0
+    sigma: float = 1.23  # of the leads of true places, and of others about 0
     floor: float = 2.0  # blocks that a rival has at least
     surprising: float = 3.0  # log ratio of a lead that chance does not give
 
@@ -56,71 +53,58 @@ class Asked:
 
 class UsualLead:
     """
-    How probable each usual lead is where a drive enters the map; learned from its matches.
+    How probable each usual lead is where a drive enters the map, by its light and its matches.
 
-    Apart for places of earlier drives and for those of the running drive, whose light is the same.
+    `differences` returns by how much the light differs from that of places (n,), of which the
+    first `earlier` are those of earlier drives. What matches teach are factors of what the light
+    lets expect, apart for places of earlier drives and for those of the running drive.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, differences: Callable[[Indices, int], Doubles]) -> None:
+        self._differences = differences
         self.reset()
 
     def reset(self) -> None:
-        """Forget the drive."""
-        self.difference = math.inf  # of the light of drive and map
-        self._learned = dict[bool, Doubles]()  # probabilities (5,), by whether places are current
+        """Forget what matches of the drive have taught."""
+        self._factors = np.ones((2, len(KEYPOINTS.usual)))  # of earlier drives, of the running one
 
-    def probabilities(self, is_current: bool) -> Doubles:
-        """Return the probabilities (5,) of the usual leads."""
-        return self._learned.get(is_current, self._first(is_current))
+    def probabilities(self, places: Indices, earlier: int) -> Doubles:
+        """Return the probabilities (5, n) of the usual leads at places (n,)."""
+        first = _at_first(self._differences(places, earlier))
+        learned = first * self._factors[(places >= earlier).astype(int)].T
+        return np.asarray(learned / learned.sum(axis=0))
 
-    def entering(self, is_current: Flags) -> Doubles:
+    def entering(self, places: Indices, earlier: int) -> Doubles:
         """Return the shares (6, n) of the states of mass that enters places (n,); sums are 1."""
-        true = (1 - KEYPOINTS.copies) * self._by_place(is_current)
-        return np.vstack((true, np.full(len(is_current), KEYPOINTS.copies)))
+        true = (1 - COPIES.cells) * self.probabilities(places, earlier)
+        return np.vstack((true, np.full(len(places), COPIES.cells)))
 
-    def moved(self, states: Doubles, is_current: Flags, ending: float) -> Doubles:
+    def moved(self, states: Doubles, places: Indices, earlier: int, ending: float) -> Doubles:
         """
-        Return the mass (6, n) of the states of places after a step.
+        Return the mass (6, n) of the states of places (n,) after a step.
 
         A share takes a usual lead anew. Of copies, the share `ending` is then elsewhere.
         """
         true, changing = states[:-1], KEYPOINTS.changing
-        anew = changing * self._by_place(is_current) * true.sum(axis=0)
+        anew = changing * self.probabilities(places, earlier) * true.sum(axis=0)
         return np.vstack(((1 - changing) * true + anew, (1 - ending) * states[-1]))
 
-    def learn(self, states: Doubles, is_current: bool) -> None:
+    def learn(self, states: Doubles, place: int, earlier: int) -> None:
         """
         Take in the mass (5,) of the usual leads at a place that is a match.
 
-        None becomes less probable than the least probable at first. Silence, a usual lead of 0,
-        does not become more probable than at first: a copy is silent, too, so a silent match may
-        be false.
+        None becomes less probable than the least probable in like light. Of the running drive,
+        silence, a usual lead of 0, does not become more probable than the light lets expect: its
+        light is the same, and a copy is silent, too.
         """
-        known = self.probabilities(is_current)
+        at = np.array([place])
+        first = _at_first(self._differences(at, earlier))[:, 0]
+        known = self.probabilities(at, earlier)[:, 0]
         learned = known + KEYPOINTS.changing * (states / states.sum() - known)
-        learned[0] = min(learned[0], self._first(is_current)[0])
-        floored = np.maximum(learned, _at_first(0.0).min())
-        self._learned[is_current] = floored / floored.sum()
-
-    def forget(self) -> None:
-        """
-        Forget a little of what is learned, in favour of what the light lets expect.
-
-        Otherwise, a drive that has learned large leads by day denies all places by night, and so
-        does not learn.
-        """
-        for is_current, learned in self._learned.items():
-            first = self._first(is_current)
-            self._learned[is_current] = learned + KEYPOINTS.forgetting * (first - learned)
-
-    def _first(self, is_current: bool) -> Doubles:
-        """Return the probabilities (5,) of the usual leads that the light lets expect."""
-        return _at_first(0.0 if is_current else self.difference)
-
-    def _by_place(self, is_current: Flags) -> Doubles:
-        """Return the probabilities (5, n) of the usual leads of places (n,)."""
-        current, earlier = (self.probabilities(one)[:, None] for one in (True, False))
-        return np.where(is_current, current, earlier)
+        if place >= earlier:
+            learned[0] = min(learned[0], first[0])
+        least = _at_first(np.zeros(1)).min()
+        self._factors[int(place >= earlier)] = np.maximum(learned, least) / first
 
 
 def ratios_of(lead: float) -> Doubles:
@@ -158,8 +142,8 @@ def answers(
     return answered
 
 
-def _at_first(difference: float) -> Doubles:
-    """Return the probabilities (5,) of the usual leads, before a drive shows any."""
-    likeliest = KEYPOINTS.by_day * max(0.0, 1 - difference / KEYPOINTS.dark)
-    falls = np.exp(-abs(np.array(KEYPOINTS.usual) - likeliest) / KEYPOINTS.spread)
-    return np.asarray(falls / falls.sum())
+def _at_first(differences: Doubles) -> Doubles:
+    """Return the probabilities (5, n) of the usual leads by light, before a drive shows any."""
+    likeliest = KEYPOINTS.by_day * np.maximum(0.0, 1 - differences / KEYPOINTS.dark)
+    falls = np.exp(-abs(np.array(KEYPOINTS.usual)[:, None] - likeliest) / KEYPOINTS.spread)
+    return np.asarray(falls / falls.sum(axis=0))

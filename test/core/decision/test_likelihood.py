@@ -15,7 +15,8 @@ from convseq_ros.core.geometry.verification import Verification
 import numpy as np
 import pytest
 
-ALL = 0.0015  # share of frames elsewhere that look like a place in every respect
+ALL = 0.002  # share of frames elsewhere whose cells look like a place in every respect
+SCENES = 1e-4  # ... and whose keypoints agree as a scene
 ALONE = np.zeros((1, 1))  # a place is at no distance from itself
 FAR = np.where(np.eye(4), 0.0, np.inf)  # of four places, none says anything of another
 
@@ -56,13 +57,25 @@ def bounded(value):
         ({'is_strongest': True, 'follows': 1.0, 'affirmed': 0.1}, 0.9 / (0.3 / 0.37 + 0.01) + 0.1),
         ({'is_strongest': True, 'follows': 1.0, 'affirmed': 50.0}, 0.9 / 0.31 + 0.1),
         ({'follows': 1.0, 'affirmed': 0.1}, 1.0),  # of another place
-        ({'keypoints': math.log(20)}, 20.0),
-        ({'cells': math.log(10), 'keypoints': math.log(0.1)}, 0.91),
-        ({'cells': 300.0, 'keypoints': 20.0, 'is_strongest': True}, 1e100),
+        ({'cells': 300.0, 'is_strongest': True}, 1e100),
     ],
 )
 def test_likelihood_ratios_are_those_worked_by_hand(evidence, expected):
     assert ratio(**evidence) == pytest.approx(bounded(expected))
+
+
+@pytest.mark.parametrize(
+    ('cells', 'keypoints', 'expected'),
+    [
+        (0.0, 20.0, 20.0 / (1 - SCENES + SCENES * 20)),
+        (math.log(10), 0.1, 9.1 / (1 + ALL * 9.1) * 0.1 / (1 - 0.9 * SCENES)),
+        (0.0, 1e30, 1 / SCENES),  # as rarely, keypoints of another place agree as a scene
+        (300.0, 1e30, 1 / ALL / SCENES),  # each witness has a bound of its own
+        (300.0, 1e-30, 1e-30 / ALL),  # and keypoints may deny without one
+    ],
+)
+def test_keypoints_have_a_bound_of_their_own(cells, keypoints, expected):
+    assert ratio(cells, math.log(keypoints)) == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_bound_is_the_same_for_all_places_of_a_frame():
@@ -71,7 +84,9 @@ def test_the_bound_is_the_same_for_all_places_of_a_frame():
     first, second, third, fourth = Likelihood().log_ratios(evidence)
     assert first == pytest.approx(-math.log(ALL), abs=1e-3)
     assert first - second == pytest.approx(3, abs=1e-3)  # the cells tell them apart
-    assert third == 0 and fourth == pytest.approx(math.log(0.1))  # the bound denies no place
+    assert third == pytest.approx(0) and fourth == pytest.approx(
+        math.log(0.1)
+    )  # the bound denies no place
 
 
 def test_the_log_ratio_falls_by_a_quarter_per_place_from_a_better_one():

@@ -57,7 +57,11 @@ def test_beyond_the_end_of_a_session_places_are_as_far_apart_as_the_last(a_map):
 
 def test_a_belief_that_is_reset_knows_no_odometry(a_map):
     street = a_map(30, step_m=2.0)
-    belief = Belief(street, MotionModel(street, both=False, way_error=ERROR), UsualLead())
+    belief = Belief(
+        street,
+        MotionModel(street, both=False, way_error=ERROR),
+        UsualLead(lambda places, _: np.zeros(len(places))),
+    )
     belief.motion.move(at(0), 0)
     belief.reset()
     belief.motion.move(at(5), 0)
