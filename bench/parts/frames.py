@@ -56,7 +56,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     'preparing places': ((FeatureCache, '_made'),),
     'pair scores': ((FeatureCache, 'scores_of'),),
     'verification': ((Matcher, 'verified'),),
-    'keypoints': ((Observer, '_asked'), (Light, 'difference')),
+    'keypoints': ((Observer, '_asked'), (Light, 'observe')),
     'observation ratios': ((Observer, 'observe'),),
     'belief': (
         (MotionModel, 'move'),

@@ -8,8 +8,9 @@ from pathlib import Path
 import shutil
 import sys
 
+from convseq_ros.app import pipeline
 from convseq_ros.config import make_config
-from convseq_ros.core import compiled, pipeline
+from convseq_ros.core import compiled
 import numpy as np
 from programs import run
 import pytest

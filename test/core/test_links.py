@@ -213,7 +213,7 @@ def test_laps_are_linked_alike_in_one_session_and_in_three(tmp_path, image):
     late = {*range(LAP + LAP // 2 + 2, LAPS * LAP)}
     linked = [dict(made.links).keys() for made in (one, three)]
     assert all(len(late & places) > 0.8 * len(late) for places in linked)
-    assert len(late & (linked[0] ^ linked[1])) < 0.1 * len(late)
+    assert len(late & (linked[0] ^ linked[1])) < 0.15 * len(late)
 
 
 def test_merging_links_maps_to_one_another_unless_no_links_is_given(tmp_path, image):

@@ -91,7 +91,8 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
     # The drive must be worth the comparison.
     if spacing:
         reasons = [row['reason'] for row in expected]
-        assert reasons.count('between_keyframes') > 15 and 'accepted' in reasons
+        # At this spacing, no place is 20 scenes back before the drive ends.
+        assert reasons.count('between_keyframes') > 15 and 'recent' in reasons
         assert len(maps[1]) < len(PLACES) - 15
         return
     assert len(maps[1]) == len(PLACES) - 2

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's regions and pair score (III-C, III-D), in float32."""
 
+from collections import deque
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 from convseq_ros.core.encoding.regions import Cells, joined_regions, Regions
@@ -15,6 +17,7 @@ import numpy as np
 _SPAN = 2  # cells in a row of a region (III-C)
 _READ_AT_ONCE = 256  # references that are read at once, for 8 MB of cells
 _KEPT = 32  # descriptors whose regions are cached; more than `max_overlap_length`
+_KEPT_PAIRS = 20_000  # of images whose similarities are cached; 80 MB
 
 
 def paper_regions(cells: Cells) -> Regions:
@@ -46,29 +49,58 @@ class PaperSimilarity:
         return float(pair_scores(self._regions(query)[query.salient], [self._regions(other)])[0])
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class _Image:
+    """The cells of a query, and all of its regions; equal to itself only."""
+
+    cells: Cells
+    regions: Regions
+
+
 class PaperMatcher(Matcher):
-    """Scores queries against the references of a map; keeps their regions, 123 kB each."""
+    """
+    Scores queries against the references of a map; keeps their regions, 123 kB each.
+
+    Each frame of a sequence is scored with the salient regions of the newest (III-D), so an image
+    is compared with a reference again and again, by other regions of it. What is kept of a pair
+    is how similar each region of the image is to the most similar one of the reference.
+    """
 
     def __init__(self, reference_map: ReferenceMap) -> None:
         self.kernel, self._map = 'numpy', reference_map
-        self._kept = dict[int, Regions | None]()  # by reference; None for blank ones
+        kept = self._kept = dict[int, Regions | None]()  # by reference; None for blank ones
+        self._images = deque[_Image](maxlen=_KEPT)
+
+        @lru_cache(_KEPT_PAIRS)
+        def similarities(image: _Image, index: int) -> Floats | None:
+            regions = kept[index]
+            if regions is None:
+                return None
+            return np.asarray((image.regions @ regions.T).max(axis=1))
+
+        self._similarities = similarities
 
     def reset(self) -> None: ...
 
     def extract(self, descriptor: Descriptor) -> Features | None:
-        """Return the salient regions of a query, or None if it is uninformative."""
+        """Return a query's image and its salient regions, or None if it is uninformative."""
         if not descriptor.informative:
             return None
-        return Features(paper_regions(descriptor.cells)[descriptor.salient])
+        image = next((one for one in self._images if one.cells is descriptor.cells), None)
+        if image is None:
+            image = _Image(descriptor.cells, paper_regions(descriptor.cells))
+            self._images.append(image)
+        return Features((image, descriptor.salient))
 
     def scores_of(self, requests: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return the pair scores of each query with its references, (n,); NaN for blank ones."""
         self._keep(index for _, indices in requests for index in indices.tolist())
         rows = [np.full(len(indices), np.nan, np.float32) for _, indices in requests]
         for row, (query, indices) in zip(rows, requests, strict=True):
+            image, salient = query.scored
             for at, index in enumerate(indices.tolist()):
-                if (regions := self._kept[index]) is not None:
-                    row[at] = pair_scores(query.scored, [regions])[0]
+                if (similarities := self._similarities(image, index)) is not None:
+                    row[at] = min(float(similarities[salient].mean()), 1.0)
         return rows
 
     def _keep(self, indices: Iterable[int]) -> None:
