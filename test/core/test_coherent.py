@@ -177,7 +177,8 @@ def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
         (alike,) = global_similarity(
             widened(region_blocks(own), 30), region_blocks(other)[None].astype(np.float64)
         )
-        assert score == pytest.approx(share * (1 + alike) / 2, abs=1e-6)
+        # The matcher rounds regions to bytes.
+        assert score == pytest.approx(share * (1 + alike) / 2, abs=2e-3)
         assert 0 <= score <= 1
 
 

@@ -29,7 +29,7 @@ DRIVES = {
     ),
     # A robot that is put elsewhere may be where it was, or there.
     'by the belief': (
-        25, BELIEF | {'min_confidence': 0.999}, [*range(3, 9), 21], 'weak accepted ambiguous',
+        25, BELIEF | {'min_confidence': 0.99}, [*range(3, 9), 21], 'weak accepted ambiguous',
     ),
     'few places': (6, PAIR | {'rival_distance': 5}, [1, 2], 'warming_up too_few_rivals'),
     'few places, by the belief': (6, BELIEF, [1, 2], 'too_few_rivals'),
