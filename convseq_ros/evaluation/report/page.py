@@ -54,7 +54,6 @@ def write_page(
     """
     try:
         from jinja2 import Environment
-        from markupsafe import Markup
     except ImportError:
         raise ConvseqError(f'pages need jinja2: {pip_install("jinja2")}') from None
     kinds = [pairs for section in sections for pairs in section.pairs.values() if pairs]
@@ -64,9 +63,7 @@ def write_page(
     jinja.filters['base64'] = as_base64
     jinja.filters['evenly'] = lambda pairs: evenly(pairs, most)
     template = jinja.from_string((files(__package__) / 'template.html').read_text('utf-8'))
-    text = template.render(
-        title=title, facts=facts, sections=sections, made=made, table=Markup(table)
-    )
+    text = template.render(title=title, facts=facts, sections=sections, made=made, table=table)
     with complete_or_absent(output) as part:
         part.write_text(text, encoding='utf-8')
 
