@@ -34,10 +34,10 @@ from convseq_ros.core.decision import (
     observation,
     usual_lead,
 )
-from convseq_ros.core.decision.decider import Answer
+from convseq_ros.core.gate.gate import Verdict
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.matcher import Features, Matcher
-from convseq_ros.core.types import Descriptor, Frame
+from convseq_ros.core.types import Descriptor
 from drives import head, options, progress, row
 from known_drives import drawn_ones, Drive, Make, real
 import numpy as np
@@ -121,7 +121,7 @@ class Encoded(NamedTuple):
 
     drive: Drive
     made: ReferenceMap
-    keyframes: list[tuple[Frame, Descriptor]]
+    verdicts: dict[int, Verdict]  # of the keyframes, by stamp: they do not depend on the decision
     kept: dict[tuple[str, int, int], Any]
 
 
@@ -129,18 +129,20 @@ PREPARED: list[Encoded] = []  # of this process
 
 
 def encoded(drive: Drive) -> Encoded:
-    """Return a drive with its keyframes, which do not depend on the decision."""
+    """Return a drive with its keyframes."""
     progress(f'encoding {drive.name}')
     made = build_map([frame for frame, _ in drive.mapped], None, drive.config)
-    one = Encoded(drive, made, [], {})
+    one = Encoded(drive, made, {}, {})
     recognizer, matcher = keeping(one, made)
-    decide = recognizer._decide
+    check = recognizer.gate.check
 
-    def keep(frame: Frame, usable: int, missing: int) -> Answer:
-        one.keyframes.append((frame, recognizer._buffer.newest.descriptor))
-        return decide(frame, usable, missing)
+    def keep(stamp_ns: int, *rest: Any) -> Verdict:
+        verdict = check(stamp_ns, *rest)
+        if verdict.reason is None:
+            one.verdicts[stamp_ns] = verdict
+        return verdict
 
-    recognizer._decide = keep
+    recognizer.gate.check = keep  # type: ignore[method-assign]
     for frame, _ in drive.queries:
         matcher.now = frame.stamp_ns
         recognizer.process(frame)
@@ -169,12 +171,14 @@ def replay(one: Encoded) -> Counts:
     if drive.config.online.grows:  # the map has grown, so begin with an empty one
         made = build_map([], None, drive.config)
     recognizer, matcher = keeping(one, made)
+    recognizer.gate.check = lambda stamp_ns, *_: one.verdicts[stamp_ns]  # type: ignore
     queries = {frame.stamp_ns: here for frame, here in drive.queries}
     mapped = {frame.stamp_ns: here for frame, here in drive.mapped} or queries
     begun = None
-    for number, (frame, descriptor) in enumerate(one.keyframes):
+    keyframes = [frame for frame, _ in drive.queries if frame.stamp_ns in one.verdicts]
+    for number, frame in enumerate(keyframes):
         matcher.now = frame.stamp_ns
-        match, here = recognizer.process(frame, descriptor), queries[frame.stamp_ns]
+        match, here = recognizer.process(frame), queries[frame.stamp_ns]
         places = made.places[: recognizer.mapping.usable]
         off = drive.off(here, np.array([mapped[one.stamp_ns] for one in places]))
         is_known = bool((off <= drive.right).any())

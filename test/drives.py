@@ -4,14 +4,17 @@
 
 from collections.abc import Callable, Iterable
 import contextlib
+from dataclasses import asdict
 import functools
 import hashlib
+import json
 import os
 from pathlib import Path
-import pickle
+from typing import Any
 
 from convseq_ros import simulation
 from convseq_ros.core import types
+from convseq_ros.core.types import Camera, Pose
 from convseq_ros.simulation.drive import draw, Drive, Road, Shot
 import cv2
 import numpy as np
@@ -31,19 +34,50 @@ def _drawing() -> bytes:
 
 def kept(make: Callable[[], Iterable[Shot]], *what: object) -> list[Shot]:
     """Return what is made, which has this description and no other."""
-    path = KEPT / f'{hashlib.sha256(_drawing() + repr(what).encode()).hexdigest()}.pickle'
+    path = KEPT / f'{hashlib.sha256(_drawing() + repr(what).encode()).hexdigest()}.npz'
     if path.exists():
         path.touch()
-        return pickle.loads(path.read_bytes())
-    shots, part = [*make()], path.with_suffix(f'.{os.getpid()}.pickle')
+        return _read(path)
+    shots, part = [*make()], path.with_suffix(f'.{os.getpid()}.npz')
     KEPT.mkdir(parents=True, exist_ok=True)
-    part.write_bytes(pickle.dumps(shots))
+    _write(shots, part)
     part.replace(path)
     for one in KEPT.iterdir():
         with contextlib.suppress(FileNotFoundError):  # another process forgets, too
             if path.stat().st_mtime - one.stat().st_mtime > WEEK_S:
                 one.unlink()
     return shots
+
+
+def _write(shots: list[Shot], path: Path) -> None:
+    """Write images as arrays, and the rest as JSON, whose numbers come back exactly."""
+    images = {f'image_{index}': shot.image for index, shot in enumerate(shots)}
+    rest = [
+        {name: value for name, value in asdict(shot).items() if name != 'image'} for shot in shots
+    ]
+    np.savez(path, rest=np.array(json.dumps(rest)), **images)
+
+
+def _read(path: Path) -> list[Shot]:
+    """Return what `_write` wrote."""
+    convert = {'pose': _pose, 'odometry': _pose, 'camera': _camera}
+    with np.load(path, allow_pickle=False) as stored:
+        return [
+            Shot(
+                **one | {name: made(one[name]) for name, made in convert.items()},
+                image=stored[f'image_{index}'],
+            )
+            for index, one in enumerate(json.loads(str(stored['rest'])))
+        ]
+
+
+def _pose(stored: dict[str, Any] | None) -> Pose | None:
+    return stored and Pose(**{name: tuple(numbers) for name, numbers in stored.items()})
+
+
+def _camera(stored: dict[str, Any] | None) -> Camera | None:
+    own = {'distortion': tuple, 'mount': _pose}
+    return stored and Camera(**stored | {name: read(stored[name]) for name, read in own.items()})
 
 
 def shots_of(road: Road, drive: Drive) -> list[Shot]:

@@ -28,7 +28,9 @@ class BELIEF:
 
     # Shares of mass, per keyframe.
     entering: float = 0.004  # of elsewhere: enters the map, evenly; of copies: they end
-    lost: float = 0.5  # of what is lost, at a start or where a session ends: is on earlier drives
+    # Of what is lost, at a start or where a session ends: enters earlier drives, but at most
+    # `COPIES.cells` at a place, so that cells decide in no single frame.
+    lost: float = 0.5
     # Of each place: leaves the map; of all: enters, as a robot may be moved, or odometry fail.
     jumping: float = 5e-4
     sharing: float = 0.1  # of a place: moves to its other looks

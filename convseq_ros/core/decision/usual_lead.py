@@ -30,7 +30,7 @@ class KEYPOINTS:
 
     usual: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0)  # leads that may be usual
     by_day: float = 6.0  # the likeliest of them at first, if drive and map have the same light ...
-    dark: float = 0.45  # ... and it falls to 0 at this difference of `Light.difference`
+    dark: float = 0.45  # ... and it falls to 0 at this difference of the light
     spread: float = 0.8  # difference from the likeliest over which the probability falls by e
     # Share of the mass of a place that takes its usual lead anew, per keyframe; also the weight of
     # the last match in what is learned of the drive.
