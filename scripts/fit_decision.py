@@ -142,7 +142,7 @@ def encoded(drive: Drive) -> Encoded:
             one.verdicts[stamp_ns] = verdict
         return verdict
 
-    recognizer.gate.check = keep  # type: ignore[method-assign]
+    recognizer.gate.check = keep
     for frame, _ in drive.queries:
         matcher.now = frame.stamp_ns
         recognizer.process(frame)
@@ -171,7 +171,7 @@ def replay(one: Encoded) -> Counts:
     if drive.config.online.grows:  # the map has grown, so begin with an empty one
         made = build_map([], None, drive.config)
     recognizer, matcher = keeping(one, made)
-    recognizer.gate.check = lambda stamp_ns, *_: one.verdicts[stamp_ns]  # type: ignore
+    recognizer.gate.check = lambda stamp_ns, *_: one.verdicts[stamp_ns]
     queries = {frame.stamp_ns: here for frame, here in drive.queries}
     mapped = {frame.stamp_ns: here for frame, here in drive.mapped} or queries
     begun = None
