@@ -7,11 +7,11 @@ from itertools import count
 from types import SimpleNamespace
 
 from convseq_ros.config import EncodingConfig, SequenceConfig
-from convseq_ros.core.decision.paper.diagonals import diagonal, sequence_scores
 from convseq_ros.core.decision.paper.length import choose_length
-from convseq_ros.core.decision.paper.query_buffer import BufferedFrame, QueryBuffer
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.graph.session_bounds import SessionBounds
+from convseq_ros.core.sequence.diagonals import diagonal, sequence_scores
+from convseq_ros.core.sequence.query_buffer import BufferedFrame, QueryBuffer
 from convseq_ros.core.types import Descriptor
 from golden.restatement import length_at
 from hypothesis import given

@@ -5,7 +5,7 @@
 from types import SimpleNamespace
 
 from convseq_ros.core.decision.evidence import evidence_length, novelty
-from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
+from convseq_ros.core.sequence.query_buffer import QueryBuffer
 import numpy as np
 import pytest
 
