@@ -11,7 +11,6 @@ from convseq_ros.core.decision.decider import Answer, Decider, Query
 from convseq_ros.core.decision.localizer import Localizer
 from convseq_ros.core.decision.paper.decider import PaperDecider
 from convseq_ros.core.decision.paper.pair_score import PaperMatcher
-from convseq_ros.core.decision.paper.query_buffer import QueryBuffer
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import Describe, FirstStage
 from convseq_ros.core.encoding.upright import upright
@@ -23,6 +22,7 @@ from convseq_ros.core.pose.estimate import with_pose
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.pose.shift import with_shift_and_yaw
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces, CoarseScores
+from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.similarity.matcher import Features, make_matcher, Matcher
 from convseq_ros.core.types import (
     Anchor,

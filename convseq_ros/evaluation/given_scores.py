@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.config import Config
-from convseq_ros.core.decision.paper.diagonals import sequence_scores
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.sequence.diagonals import sequence_scores
 from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import Descriptor, Indices, Match, Row, Shift
 from convseq_ros.evaluation.drive import DescribedDrive

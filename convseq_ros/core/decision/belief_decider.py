@@ -18,13 +18,13 @@ from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Observation, Observer
 from convseq_ros.core.decision.odometry_jump import OdometryJumps
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
-from convseq_ros.core.decision.paper.diagonals import diagonal
-from convseq_ros.core.decision.paper.query_buffer import BUFFER
 from convseq_ros.core.decision.usual_lead import UsualLead
 from convseq_ros.core.geometry.verification import NOTHING
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
+from convseq_ros.core.sequence.diagonals import diagonal
+from convseq_ros.core.sequence.query_buffer import BUFFER
 from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.types import Candidate, Candidates, Flags, Frame, Pose, Reason
 import numpy as np

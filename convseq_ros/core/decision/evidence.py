@@ -4,7 +4,7 @@
 
 from collections.abc import Sequence
 
-from convseq_ros.core.decision.paper.query_buffer import BufferedFrame
+from convseq_ros.core.sequence.query_buffer import BufferedFrame
 from convseq_ros.core.types import constants
 import numpy as np
 

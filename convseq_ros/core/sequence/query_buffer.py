@@ -5,8 +5,8 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from convseq_ros.core.decision.paper.diagonals import ONE_SESSION, sequence_scores, Values
 from convseq_ros.core.graph.session_bounds import SessionBounds
+from convseq_ros.core.sequence.diagonals import ONE_SESSION, sequence_scores, Values
 from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.core.types import constants, Descriptor, Indices, Row
 import numpy as np
