@@ -3,11 +3,11 @@
 """
 Replay drives with other constants of the decision, and print what becomes of them.
 
-Usage: python scripts/fit_decision.py [--data FOLDER] [--real FOLDER] [--drawn] [--drives NAME ...]
+Usage: python scripts/fit_decision.py [--data FOLDER] [--real FOLDER] [--drawn]
 [--change NAME=VALUE,... ...] [--curve NAME ...] [--processes 2]. --data has the sets of the
-benchmark, --real those of real_drives.py. On two cores it takes some minutes to encode the drives,
-and less than one for each change. A name is RECORD.name, such as BELIEF.entering. Each change is
-tried by itself. A curve tries a constant at 0.5, 0.7, 0.85, 1.2, 1.4 and 2 times its value, and
+benchmark, --real those of real_drives.py. On two cores it takes a quarter of an hour to encode the
+drives, and a minute for each change. A name is RECORD.name, such as BELIEF.entering. Each change
+is tried by itself. A curve tries a constant at 0.5, 0.7, 0.85, 1.2, 1.4 and 2 times its value, and
 prints which value is chosen with each place left out in turn.
 
 A match is right within the right distance, and false beyond the wrong one; between them it counts
@@ -28,11 +28,11 @@ from convseq_ros.core.decision import (
     belief,
     budget,
     comparison,
+    expected_lead,
     light,
     likelihood,
     motion,
     observation,
-    usual_lead,
 )
 from convseq_ros.core.gate.gate import Verdict
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -44,7 +44,7 @@ import numpy as np
 from real_drives import in_other_light
 
 RECORDS = {
-    'CELLS': likelihood.CELLS, 'COPIES': likelihood.COPIES, 'KEYPOINTS': usual_lead.KEYPOINTS,
+    'CELLS': likelihood.CELLS, 'COPIES': likelihood.COPIES, 'KEYPOINTS': expected_lead.KEYPOINTS,
     'COMPARED': comparison.COMPARED, 'BELIEF': belief.BELIEF,
     'MOTION': motion.MOTION, 'LIGHT': light.LIGHT, 'BUDGET': budget.BUDGET,
 }  # fmt: skip
@@ -342,9 +342,8 @@ def curve(drives: Drives, name: str, shipped: Mapping[str, float]) -> None:
 def main() -> None:
     """Encode, replay, and print tables."""
     chosen = options(
-        __doc__, data=None, real=None, drawn=False, drives=[''], change=[''], curve=[''],
-        processes=2,
-    )  # fmt: skip
+        __doc__, data=None, real=None, drawn=False, change=[''], curve=[''], processes=2
+    )
     makers: Sequence[Make] = [
         *(in_other_light(chosen.real) if chosen.real else ()),
         *(real(chosen.data, {}) if chosen.data else ()),

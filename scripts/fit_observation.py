@@ -9,8 +9,8 @@ data sets, so is corridor; laps and the other circuit are matched against the fi
 strongest verified place of each frame counts: right within 5 m (corridor: 5 frames), wrong beyond
 15 (laps: as in laps.py). Right and wrong places have the same total weight, and so have all
 drives. Keypoints are asked in every frame. The fit is linear in the leads of the cells and of the
-keypoints. Over the leads of keypoints, the shipped density of each usual lead is drawn (red: 0, as
-elsewhere), and the log ratio at first in like light (black, right axis).
+keypoints. Over the leads of keypoints, the shipped density of each expected lead is drawn (red: 0,
+as elsewhere), and the log ratio at first in like light (black, right axis).
 """
 
 from collections.abc import Callable, Iterator
@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros import build_map, PlaceRecognizer
+from convseq_ros.core.decision.expected_lead import ExpectedLead, KEYPOINTS, ratios_of
 from convseq_ros.core.decision.likelihood import CELLS
 from convseq_ros.core.decision.observation import Observation
-from convseq_ros.core.decision.usual_lead import KEYPOINTS, ratios_of, UsualLead
 from convseq_ros.evaluation.plots import new_figure, save
 from drives import options
 from known_drives import Drive, real, streets
@@ -108,20 +108,19 @@ def draw(leads_of: dict[str, Values], output: Path) -> None:
 
 def draw_shipped(axes: Any, leads: Values) -> None:
     """Draw the shipped densities of the keypoints' leads, and their log ratio in like light."""
-    for usual in KEYPOINTS.usual:
-        density = np.exp(-(((leads - usual) / KEYPOINTS.sigma) ** 2) / 2)
+    for expected in KEYPOINTS.expected:
+        density = np.exp(-(((leads - expected) / KEYPOINTS.sigma) ** 2) / 2)
         density /= KEYPOINTS.sigma * math.sqrt(2 * math.pi)
-        axes.plot(leads, density, color='tab:green' if usual else 'tab:red', linewidth=0.8)
-    shares = UsualLead(lambda places, _: np.zeros(len(places))).entering(np.zeros(1, np.int64), 0)[
-        :, 0
-    ]
+        axes.plot(leads, density, color='tab:green' if expected else 'tab:red', linewidth=0.8)
+    in_like_light = ExpectedLead(lambda places, _: np.zeros(len(places)))
+    shares = in_like_light.entering(np.zeros(1, np.int64), 0)[:, 0]
     ratios = np.array([shares @ ratios_of(lead) for lead in leads])
     beside = axes.twinx()
     beside.plot(leads, np.log(ratios), color='black', linewidth=0.8)
     beside.tick_params(labelsize=6)
 
 
-def usual_leads(values: Values) -> tuple[float, float, float]:
+def expected_leads(values: Values) -> tuple[float, float, float]:
     """Return the means of the keypoints' leads of right and wrong places, and their sigma."""
     right = values[:, 3] > 0
     kinds = [values[kind, 2] for kind in (right, ~right) if kind.any()]
@@ -146,7 +145,7 @@ def main() -> None:
     print("keypoints' leads: mean of right places, of wrong ones, sigma")
     print(f'shipped: {KEYPOINTS.by_day} in the same light, less in other; 0; {KEYPOINTS.sigma}')
     for name, values in leads_of.items():
-        print(f'{name}:', *(f'{one:.1f}' for one in usual_leads(values)))
+        print(f'{name}:', *(f'{one:.1f}' for one in expected_leads(values)))
     draw(leads_of, chosen.output)
 
 

@@ -8,9 +8,9 @@ import sqlite3
 
 from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config, with_values
+from convseq_ros.core.decision.expected_lead import ExpectedLead
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.light import Light
-from convseq_ros.core.decision.usual_lead import UsualLead
 from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.keypoints import agreeing_blocks, detect, Keypoints, matched
@@ -349,10 +349,10 @@ def test_without_keypoints_cells_decide_alone_and_nothing_else_changes():
         assert one.accepted.reference_index == other.accepted.reference_index
 
 
-def test_usual_leads_are_learned_only_from_matches_that_keypoints_verified(monkeypatch):
+def test_expected_leads_are_learned_only_from_matches_that_keypoints_verified(monkeypatch):
     learned = []  # of each match: whether its place is of the running drive
     monkeypatch.setattr(
-        UsualLead, 'learn', lambda *asked: learned.append(bool(asked[2] >= asked[3]))
+        ExpectedLead, 'learn', lambda *asked: learned.append(bool(asked[2] >= asked[3]))
     )
     answers({'keypoints': 0})
     assert not learned

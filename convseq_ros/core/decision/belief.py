@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The belief: a discrete Bayes filter over places, velocities, usual leads and *elsewhere*.
+The belief: a discrete Bayes filter over places, velocities, expected leads and *elsewhere*.
 
 Each keyframe is one step: `predict` moves the mass as the robot may have moved, and `update`
 multiplies it by the likelihood ratios of the frame. Only places that hold mass are kept, so the
@@ -14,9 +14,9 @@ Sources: Hansen and Browning 2014 (SeqSLAM as a hidden Markov model); Xu, Suende
 import math
 
 from convseq_ros.core.decision.budget import BUDGET
+from convseq_ros.core.decision.expected_lead import ExpectedLead, STATES
 from convseq_ros.core.decision.likelihood import COPIES
 from convseq_ros.core.decision.motion import MOTION, MotionModel
-from convseq_ros.core.decision.usual_lead import STATES, UsualLead
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import constants, Doubles, Flags, Indices
 import numpy as np
@@ -44,8 +44,10 @@ class Belief:
     held by velocity and by state of the keypoints, as if the one did not depend on the other.
     """
 
-    def __init__(self, reference_map: ReferenceMap, motion: MotionModel, usual: UsualLead) -> None:
-        self._map, self.motion, self._usual = reference_map, motion, usual
+    def __init__(
+        self, reference_map: ReferenceMap, motion: MotionModel, lead: ExpectedLead
+    ) -> None:
+        self._map, self.motion, self._lead = reference_map, motion, lead
         self.reset()
 
     def reset(self) -> None:
@@ -85,14 +87,14 @@ class Belief:
 
         Where no mass is, they are those of mass that enters.
         """
-        states = self._usual.entering(places, earlier)
+        states = self._lead.entering(places, earlier)
         held = np.isin(places, self.places)
         mass = self._states[:, np.searchsorted(self.places, places[held])]
         states[:, held] = mass / mass.sum(axis=0)
         return states
 
-    def usual_leads(self, is_same: Flags) -> Doubles:
-        """Return the mass (5,) of the usual leads at some of `places` (n,)."""
+    def expected_leads(self, is_same: Flags) -> Doubles:
+        """Return the mass (5,) of the expected leads at some of `places` (n,)."""
         return np.asarray(self._states[:-1, is_same].sum(axis=1))
 
     def predict(self, usable: int, earlier: int) -> None:
@@ -125,7 +127,7 @@ class Belief:
         states /= states.sum(axis=0)
         at = (np.arange(STATES)[:, None] * count + where).ravel()
         arrived = _summed(at, (states[:, sources] * weights).ravel(), STATES, count)
-        moved = self._usual.moved(arrived, self.places, earlier, BELIEF.entering)
+        moved = self._lead.moved(arrived, self.places, earlier, BELIEF.entering)
         stays = (1 - BELIEF.jumping) * moved
         self._mass, self._states = changed * stays.sum(axis=0) / arrived.sum(axis=0), stays
         self._nowhere = max(0.0, 1.0 - float(stays.sum()))
@@ -157,7 +159,7 @@ class Belief:
         share = (entering * entry + BELIEF.jumping) / max(1, usable)
         mass += self.motion.prior[:, None] * share
         mass *= np.exp(log_ratios)
-        states += self._usual.entering(places, earlier) * share
+        states += self._lead.entering(places, earlier) * share
         if keypoints is not None:
             states *= keypoints
         nowhere, self._lost = self._nowhere - entering, 0.0

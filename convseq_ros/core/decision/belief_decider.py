@@ -11,6 +11,7 @@ from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.decision.comparison import Comparer
 from convseq_ros.core.decision.decider import Answer, candidate, Decider, distinct_peaks, Query
 from convseq_ros.core.decision.evidence import evidence_length, novelty
+from convseq_ros.core.decision.expected_lead import ExpectedLead
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.light import Light
 from convseq_ros.core.decision.likelihood import strength_of, UNVERIFIED
@@ -18,7 +19,6 @@ from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Observation, Observer
 from convseq_ros.core.decision.odometry_jump import OdometryJumps
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
-from convseq_ros.core.decision.usual_lead import UsualLead
 from convseq_ros.core.geometry.verification import NOTHING
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -49,8 +49,8 @@ class BeliefDecider(Decider):
         self._map, self._near = reference_map, Neighbourhood(reference_map)
         keypoints = config.keyframes.keypoints
         self._light = Light(reference_map, bool(keypoints))
-        self._usual = UsualLead(self._light.differences)
-        self._belief = Belief(reference_map, MotionModel(reference_map, both, error), self._usual)
+        self._lead = ExpectedLead(self._light.differences)
+        self._belief = Belief(reference_map, MotionModel(reference_map, both, error), self._lead)
         self._jumps = OdometryJumps()
         self._prior = OdometryPrior(reference_map, robot, config.online.grows)
         witness = KeypointWitness(reference_map, keypoints)
@@ -65,7 +65,7 @@ class BeliefDecider(Decider):
 
     def reset(self) -> None:
         self._belief.reset()
-        self._usual.reset()
+        self._lead.reset()
         self._comparer.reset()
         self._observer.reset()
         self._light.reset()
@@ -131,7 +131,7 @@ class BeliefDecider(Decider):
             reason = Reason.RECENT
         elif is_sure and not self._prior.is_denied(best, query.session_start):
             if observed.asked:
-                self._usual.learn(belief.usual_leads(is_same), best, query.session_start)
+                self._lead.learn(belief.expected_leads(is_same), best, query.session_start)
             reason, best = Reason.ACCEPTED, self._best_look(best, observed)
             implausible_m = self._prior.implausible_m(best, query.session_start)
             self._prior.fix(best)

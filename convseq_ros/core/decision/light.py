@@ -7,7 +7,7 @@ Keypoints repeat in like light only.
 """
 
 from convseq_ros.core.decision.budget import BUDGET
-from convseq_ros.core.decision.usual_lead import KEYPOINTS
+from convseq_ros.core.decision.expected_lead import KEYPOINTS
 from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.map.image_coding import decode_jpeg
 from convseq_ros.core.map.reference_map import ReferenceMap

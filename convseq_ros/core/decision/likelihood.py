@@ -139,7 +139,7 @@ class Likelihood:
         c is the log density ratio of the cells' leads (`Leads.cells`), and r the probability that
         cells show a true place. q is the chance that the strongest place of the map lies where it
         lies, if the drive is elsewhere (`gain_of`); for all other places q is 1. The sum is over
-        the states of a place, its usual leads u, by the keypoints' lead x (`ratios_of`).
+        the states of a place, its expected leads u, by the keypoints' lead x (`ratios_of`).
 
         a and b say how often another place looks the same: a is the share of frames elsewhere
         whose cells look like a place in every respect, so cells decide in no single frame; b is
@@ -153,26 +153,27 @@ class Likelihood:
         cells, keypoints = np.logaddexp(spoken, math.log(1 - CELLS.works)), evidence.keypoints
         bound = np.logaddexp(0.0, cells.max() + math.log(COPIES.cells))
         total = np.minimum(cells, np.maximum(cells - bound, 0.0))
-        rest, alike = math.log(1 - COPIES.scenes), math.log(COPIES.scenes)
-        total += keypoints - np.logaddexp(rest, keypoints + alike)
+        copies, others = math.log(COPIES.scenes), math.log(1 - COPIES.scenes)
+        total += keypoints - np.logaddexp(others, keypoints + copies)
         shared = (total[:, None] - CELLS.loss_per_place * evidence.distances).max(axis=0)
         return np.asarray(np.where(shared > 0, evidence.weight * shared, shared))
 
     def leads(self, strengths: Doubles, scores: Doubles, is_rival: Flags) -> Leads:
         """
-        Return the leads of verified places (n,) over the best of the rivals among them, or over 0.
+        Return the leads of verified places (n,) over the best of the rivals among them.
 
-        Updates the scales with the gaps between the rivals.
+        Without a rival, strengths lead over 0, and pair scores over the highest of all. The scales
+        are those before the frame; then the gaps between its rivals update them.
         """
         roots = 2 * np.sqrt(strengths)
         hardest = roots[is_rival].max(initial=0.0)
         lead = (roots - hardest) / self._strength_scale.value
-        above = scores - (scores[is_rival].max() if is_rival.any() else scores.max())
-        above /= self._score_scale.value
+        ahead = scores - (scores[is_rival].max() if is_rival.any() else scores.max())
+        ahead /= self._score_scale.value
         for scale, best in ((self._strength_scale, roots), (self._score_scale, scores)):
             if (gap := gumbel_scale(best[is_rival])) is not None:
                 scale.add(gap)
-        return Leads(lead, above.clip(-CELLS.most_scales, CELLS.most_scales))
+        return Leads(lead, ahead.clip(-CELLS.most_scales, CELLS.most_scales))
 
 
 def strength_of(result: Verification) -> float:

@@ -10,6 +10,13 @@ from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.decision.comparison import COMPARED, Comparison, has_controls
 from convseq_ros.core.decision.decider import Query
+from convseq_ros.core.decision.expected_lead import (
+    keypoint_ratios,
+    KeypointRatio,
+    KEYPOINTS,
+    ratios_of,
+    STATES,
+)
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import (
     Evidence,
@@ -19,7 +26,6 @@ from convseq_ros.core.decision.likelihood import (
     strength_of,
     UNVERIFIED,
 )
-from convseq_ros.core.decision.usual_lead import answers, Asked, KEYPOINTS, ratios_of, STATES
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
@@ -37,7 +43,7 @@ class Observation:
     verified: Mapping[int, Verification]  # by place
     has_rivals: bool  # whether there are enough controls to accept a match
     leads: Leads | None = None  # of the verified places, ascending
-    asked: Mapping[int, Asked] = field(default_factory=dict)  # by place, what keypoints say
+    asked: Mapping[int, KeypointRatio] = field(default_factory=dict)  # by place
     keypoints: Doubles | None = None  # (6, n), their ratios by state; None if they are not asked
 
 
@@ -61,8 +67,8 @@ class Observer:
         """
         places, verified = np.union1d(compared.places, belief.places), compared.verified
         if not verified:
-            said = UNVERIFIED if len(compared.places) else 0.0
-            return Observation(places, np.full(len(places), said), {}, False)
+            ratio = UNVERIFIED if len(compared.places) else 0.0
+            return Observation(places, np.full(len(places), ratio), {}, False)
         examined = np.array(sorted(verified))
         strengths = np.array([strength_of(verified[place]) for place in examined.tolist()])
         strongest = examined[np.argsort(-strengths, kind='stable')]
@@ -72,7 +78,7 @@ class Observer:
         scores = compared.scores[np.searchsorted(compared.places, examined)]
         leads = self._likelihood.leads(strengths, scores, is_rival)
         follows, chance = self._expected(query, belief, best)
-        asked = dict[int, Asked]()
+        asked = dict[int, KeypointRatio]()
         by_cells = float(leads.cells[examined == best][0]) + gain_of(follows, chance)
         if by_cells < KEYPOINTS.surprising or not self._is_sure(query, belief, best):
             asked = self._asked(query, belief, strongest)
@@ -108,7 +114,7 @@ class Observer:
         is_same = self._near.mask(belief.places, best, SAME_PLACE)
         return 1 - float(belief.mass[is_same].sum()) <= doubted
 
-    def _asked(self, query: Query, belief: Belief, strongest: Indices) -> dict[int, Asked]:
+    def _asked(self, query: Query, belief: Belief, strongest: Indices) -> dict[int, KeypointRatio]:
         """
         Return what keypoints say of the strongest places that are apart and of the likeliest one.
 
@@ -137,9 +143,10 @@ class Observer:
             for place in chosen
         }
         states = belief.states_at(np.array([*blocks], np.int64), query.session_start)
-        return answers(blocks, dict(zip(blocks, states.T, strict=True)), self._near.is_near)
+        shares = dict(zip(blocks, states.T, strict=True))
+        return keypoint_ratios(blocks, shares, self._near.is_near)
 
-    def _by_keypoints(self, places: Indices, asked: Mapping[int, Asked]) -> Doubles:
+    def _by_keypoints(self, places: Indices, asked: Mapping[int, KeypointRatio]) -> Doubles:
         """
         Return the likelihood ratios (6, n) of places (n,) by keypoints and state.
 

@@ -6,8 +6,8 @@ from itertools import pairwise
 import math
 
 from convseq_ros.core.decision.belief import BELIEF, Belief
+from convseq_ros.core.decision.expected_lead import ExpectedLead, ratios_of
 from convseq_ros.core.decision.motion import MOTION, MotionModel
-from convseq_ros.core.decision.usual_lead import ratios_of, UsualLead
 from convseq_ros.core.rigid import of_roll_pitch_yaw
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -54,8 +54,8 @@ def masses(belief, count):
 
 
 def in_the_dark():
-    """Return the usual leads where the light of drive and map is unknown."""
-    return UsualLead(lambda places, earlier: np.where(places < earlier, np.inf, 0.0))
+    """Return the expected leads where the light of drive and map is unknown."""
+    return ExpectedLead(lambda places, earlier: np.where(places < earlier, np.inf, 0.0))
 
 
 def sure_of(belief, place):
@@ -89,31 +89,31 @@ def test_the_second_prediction_and_update_have_the_masses_worked_by_hand(a_map):
     assert left == pytest.approx((stays + copies.sum()) / total)
 
 
-def test_keypoint_ratios_move_mass_between_true_places_and_copies(a_map):
-    usual = UsualLead(lambda places, _: np.zeros(len(places)))
-    belief = Belief(a_map(4), Driven(0.0), usual)
+def test_answers_move_mass_between_true_places_and_copies(a_map):
+    leads = ExpectedLead(lambda places, _: np.zeros(len(places)))
+    belief = Belief(a_map(4), Driven(0.0), leads)
     updated(belief, np.log([1, 20, 1, 1]), earlier=4)
     before, elsewhere = masses(belief, 4)
     said = np.ones((6, 4))
     said[:, 1] = ratios_of(0.0)  # at place 1, keypoints lead by nothing
     states = belief.states_at(np.array([1]), 4)[:, 0]
-    assert states == pytest.approx(usual.entering(np.array([1]), 4)[:, 0])
+    assert states == pytest.approx(leads.entering(np.array([1]), 4)[:, 0])
     belief.predict(4, 4)
-    moved = usual.moved(states[:, None], np.array([1]), 4, BELIEF.entering)[:, 0]
+    moved = leads.moved(states[:, None], np.array([1]), 4, BELIEF.entering)[:, 0]
     shares = moved * said[:, 1] / (moved @ said[:, 1])
     log_ratios = np.array([0, math.log(moved @ said[:, 1] / moved.sum()), 0, 0])
     belief.update(belief.places, log_ratios, np.zeros(4), 4, 4, said)
     assert belief.states_at(np.array([1]), 4)[:, 0] == pytest.approx(shares, rel=1e-2)
     mass, left = masses(belief, 4)
     assert mass[1] < 0.05 * before[1] and left > elsewhere
-    assert belief.usual_leads(belief.places == 1).sum() == pytest.approx(mass[1])
+    assert belief.expected_leads(belief.places == 1).sum() == pytest.approx(mass[1])
     assert belief.elsewhere + belief.mass.sum() == pytest.approx(1)
 
 
 def test_a_place_without_mass_has_the_states_of_entering_mass(a_map):
-    usual = in_the_dark()
-    belief = Belief(a_map(4), Driven(), usual)
-    expected = usual.entering(np.array([1, 3]), 2)
+    leads = in_the_dark()
+    belief = Belief(a_map(4), Driven(), leads)
+    expected = leads.entering(np.array([1, 3]), 2)
     assert belief.states_at(np.array([1, 3]), 2) == pytest.approx(expected)
 
 

@@ -3,8 +3,8 @@
 """The motion of places, by velocities and by odometry."""
 
 from convseq_ros.core.decision.belief import Belief
+from convseq_ros.core.decision.expected_lead import ExpectedLead
 from convseq_ros.core.decision.motion import MOTION, MotionModel
-from convseq_ros.core.decision.usual_lead import UsualLead
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -60,7 +60,7 @@ def test_a_belief_that_is_reset_knows_no_odometry(a_map):
     belief = Belief(
         street,
         MotionModel(street, both=False, way_error=ERROR),
-        UsualLead(lambda places, _: np.zeros(len(places))),
+        ExpectedLead(lambda places, _: np.zeros(len(places))),
     )
     belief.motion.move(at(0), 0)
     belief.reset()

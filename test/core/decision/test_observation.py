@@ -9,9 +9,9 @@ from convseq_ros.config import Config, with_values
 from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.decision.comparison import Comparer
 from convseq_ros.core.decision.decider import Query
+from convseq_ros.core.decision.expected_lead import ExpectedLead, ratios_of
 from convseq_ros.core.decision.likelihood import COPIES
 from convseq_ros.core.decision.observation import Observer
-from convseq_ros.core.decision.usual_lead import ratios_of, UsualLead
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.neighbourhood import Neighbourhood
 from convseq_ros.core.types import Frame
@@ -86,7 +86,7 @@ class Told:
 def believing(masses=None, difference=0.0):
     """Return a belief by the mass of each place, at a difference of light."""
     masses = masses or {}
-    usual = UsualLead(lambda places, earlier: np.where(places < earlier, difference, 0.0))
+    leads = ExpectedLead(lambda places, earlier: np.where(places < earlier, difference, 0.0))
     ranked = sorted(masses, key=lambda place: -masses[place])
     places = np.array(sorted(masses), np.int64)
     return SimpleNamespace(
@@ -94,7 +94,7 @@ def believing(masses=None, difference=0.0):
         mass=np.array([masses[place] for place in places.tolist()]),
         elsewhere=1 - sum(masses.values()),
         likeliest=lambda count: ranked[:count],
-        states_at=usual.entering,
+        states_at=leads.entering,
     )
 
 

@@ -1,12 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What keypoints say of a place, by how far they usually lead there.
+What keypoints say of a place, by how far they are expected to lead there.
 
 Keypoints of a true place lead those of other places: by much in the same light, by little in
 another, by nothing in the dark.
-How far they usually lead is unknown and changes along the way, so it is a state of each place in
-the belief. One more state is *a copy*: cells agree, but the place is another one.
+How far they lead is unknown and changes along the way, so it is a state of each place in the
+belief. One more state is *a copy*: cells agree, but the place is another one.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,37 +23,37 @@ class KEYPOINTS:
     """
     The lead of a place's keypoints: of twice the root of the blocks that agree.
 
-    `usual`, `by_day`, `sigma`, `floor` and `surprising` were chosen by hand, from the means and
+    `expected`, `by_day`, `sigma`, `floor` and `surprising` were chosen by hand, from the means and
     spreads of leads that scripts/fit_observation.py prints. The others were chosen by the mean log
     probability that the belief gives to the truth, and by false matches (docs/NOTES.md).
     """
 
-    usual: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0)  # leads that may be usual
+    expected: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0)  # leads that a place may have
     by_day: float = 6.0  # the likeliest of them at first, if drive and map have the same light ...
     dark: float = 0.45  # ... and it falls to 0 at this difference of the light
     spread: float = 0.8  # difference from the likeliest over which the probability falls by e
-    # Share of the mass of a place that takes its usual lead anew, per keyframe; also the weight of
-    # the last match in what is learned of the drive.
+    # Share of the mass of a place that takes its expected lead anew, per keyframe; also the weight
+    # of the last match in what is learned of the drive.
     changing: float = 0.1
     sigma: float = 1.23  # of the leads of true places, and of others about 0
     floor: float = 2.0  # blocks that a rival has at least
     surprising: float = 3.0  # log ratio of a lead that chance does not give
 
 
-STATES = len(KEYPOINTS.usual) + 1  # of a place in the belief; the last is a copy
+STATES = len(KEYPOINTS.expected) + 1  # of a place in the belief; the last is a copy
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class KeypointRatio:
     """A place that keypoints were asked about."""
 
     lead: float  # over the best of its rivals
     ratio: float  # logarithm of the likelihood ratio
 
 
-class UsualLead:
+class ExpectedLead:
     """
-    How probable each usual lead is where a drive enters the map, by its light and its matches.
+    How probable each expected lead is where a drive enters the map, by its light and its matches.
 
     `differences` returns by how much the light differs from that of places (n,), of which the
     first `earlier` are those of earlier drives. What matches teach are factors of what the light
@@ -66,10 +66,11 @@ class UsualLead:
 
     def reset(self) -> None:
         """Forget what matches of the drive have taught."""
-        self._factors = np.ones((2, len(KEYPOINTS.usual)))  # of earlier drives, of the running one
+        # For places of earlier drives, and of the running one.
+        self._factors = np.ones((2, len(KEYPOINTS.expected)))
 
     def probabilities(self, places: Indices, earlier: int) -> Doubles:
-        """Return the probabilities (5, n) of the usual leads at places (n,)."""
+        """Return the probabilities (5, n) of the expected leads at places (n,)."""
         first = _at_first(self._differences(places, earlier))
         learned = first * self._factors[(places >= earlier).astype(int)].T
         return np.asarray(learned / learned.sum(axis=0))
@@ -83,7 +84,7 @@ class UsualLead:
         """
         Return the mass (6, n) of the states of places (n,) after a step.
 
-        A share takes a usual lead anew. Of copies, the share `ending` is then elsewhere.
+        A share takes an expected lead anew. Of copies, the share `ending` is then elsewhere.
         """
         true, changing = states[:-1], KEYPOINTS.changing
         anew = changing * self.probabilities(places, earlier) * true.sum(axis=0)
@@ -91,11 +92,11 @@ class UsualLead:
 
     def learn(self, states: Doubles, place: int, earlier: int) -> None:
         """
-        Take in the mass (5,) of the usual leads at a place that is a match.
+        Take in the mass (5,) of the expected leads at a place that is a match.
 
         None becomes less probable than the least probable in like light. Of the running drive,
-        silence, a usual lead of 0, does not become more probable than the light lets expect: its
-        light is the same, and a copy is silent, too.
+        silence, an expected lead of 0, does not become more probable than the light lets expect:
+        its light is the same, and a copy is silent, too.
         """
         at = np.array([place])
         first = _at_first(self._differences(at, earlier))[:, 0]
@@ -111,16 +112,16 @@ def ratios_of(lead: float) -> Doubles:
     """
     Return the likelihood ratios (6,) of a lead, by state.
 
-    Leads are normal, with a mean of the usual lead u at true places, and of 0 elsewhere and at
+    Leads are normal, with a mean of the expected lead u at true places, and of 0 elsewhere and at
     copies: exp(u (lead - u / 2) / sigma^2).
     """
-    usual = np.array((*KEYPOINTS.usual, 0.0))
-    return np.asarray(np.exp(usual * (lead - usual / 2) / KEYPOINTS.sigma**2))
+    expected = np.array((*KEYPOINTS.expected, 0.0))
+    return np.asarray(np.exp(expected * (lead - expected / 2) / KEYPOINTS.sigma**2))
 
 
-def answers(
+def keypoint_ratios(
     blocks: Mapping[int, int], states: Mapping[int, Doubles], is_near: Callable[[int, int], bool]
-) -> dict[int, Asked]:
+) -> dict[int, KeypointRatio]:
     """
     Return what keypoints say of places, from their agreeing blocks and the states' shares (6,).
 
@@ -130,8 +131,8 @@ def answers(
     roots = {place: 2 * math.sqrt(count) for place, count in blocks.items()}
     least = 2 * math.sqrt(KEYPOINTS.floor)
 
-    def answer(place: int, lead: float) -> Asked:
-        return Asked(lead, math.log(states[place] @ ratios_of(lead)))
+    def answer(place: int, lead: float) -> KeypointRatio:
+        return KeypointRatio(lead, math.log(states[place] @ ratios_of(lead)))
 
     scenes = {p for p in roots if answer(p, roots[p] - least).ratio > KEYPOINTS.surprising}
     answered = {}
@@ -143,7 +144,7 @@ def answers(
 
 
 def _at_first(differences: Doubles) -> Doubles:
-    """Return the probabilities (5, n) of the usual leads by light, before a drive shows any."""
+    """Return the probabilities (5, n) of the expected leads by light, before a drive shows any."""
     likeliest = KEYPOINTS.by_day * np.maximum(0.0, 1 - differences / KEYPOINTS.dark)
-    falls = np.exp(-abs(np.array(KEYPOINTS.usual)[:, None] - likeliest) / KEYPOINTS.spread)
+    falls = np.exp(-abs(np.array(KEYPOINTS.expected)[:, None] - likeliest) / KEYPOINTS.spread)
     return np.asarray(falls / falls.sum(axis=0))

@@ -1,16 +1,16 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What keypoints say, and how far they usually lead: worked by hand."""
+"""What keypoints say, and how far they are expected to lead: worked by hand."""
 
 import math
 
-from convseq_ros.core.decision.usual_lead import answers, ratios_of, UsualLead
+from convseq_ros.core.decision.expected_lead import ExpectedLead, keypoint_ratios, ratios_of
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-USUAL = (0, 2, 4, 6, 8)
+EXPECTED = (0, 2, 4, 6, 8)
 COPY = 0.002  # share of the mass that enters at a copy
 ENDING = 0.004  # share of copies, per step
 LEAST = 2 * 2**0.5  # twice the root of the blocks that chance gives
@@ -19,13 +19,13 @@ NEW, OURS, EARLIER = np.array([3]), np.array([7]), 5  # a place of an earlier dr
 
 def first(likeliest):
     """Return probabilities that fall by e for each 0.8 from the likeliest lead."""
-    shares = np.array([math.exp(-abs(one - likeliest) / 0.8) for one in USUAL])
+    shares = np.array([math.exp(-abs(one - likeliest) / 0.8) for one in EXPECTED])
     return shares / shares.sum()
 
 
 def said(lead, likeliest):
-    """Return the log ratio of a lead: normal about a usual one, or about 0 elsewhere."""
-    ratios = [math.exp((lead**2 - (lead - one) ** 2) / (2 * 1.23**2)) for one in USUAL]
+    """Return the log ratio of a lead: normal about an expected one, or about 0 elsewhere."""
+    ratios = [math.exp((lead**2 - (lead - one) ** 2) / (2 * 1.23**2)) for one in EXPECTED]
     return math.log((1 - COPY) * (first(likeliest) @ ratios) + COPY)
 
 
@@ -39,20 +39,20 @@ class Shown:
         return np.where(places < earlier, self.difference, 0.0)
 
 
-def usual_lead(difference=math.inf):
-    return UsualLead(Shown(difference))
+def expected_lead(difference=math.inf):
+    return ExpectedLead(Shown(difference))
 
 
-def of(usual, place):
-    """Return the probabilities of the usual leads at a place."""
-    return usual.probabilities(place, EARLIER)[:, 0]
+def of(leads, place):
+    """Return the probabilities of the expected leads at a place."""
+    return leads.probabilities(place, EARLIER)[:, 0]
 
 
 def asked(blocks, near=(), difference=0.0):
     """Return what keypoints say of places; `near` are pairs of places, the smaller one first."""
-    usual = usual_lead(difference)
-    states = {place: usual.entering(NEW, EARLIER)[:, 0] for place in blocks}
-    return answers(blocks, states, lambda one, other: tuple(sorted((one, other))) in near)
+    leads = expected_lead(difference)
+    states = {place: leads.entering(NEW, EARLIER)[:, 0] for place in blocks}
+    return keypoint_ratios(blocks, states, lambda one, other: tuple(sorted((one, other))) in near)
 
 
 def test_a_places_keypoints_lead_those_of_the_others_or_the_chance_level():
@@ -71,9 +71,9 @@ def test_a_places_keypoints_lead_those_of_the_others_or_the_chance_level():
 def test_the_expected_lead_falls_with_the_light_difference_except_on_the_running_drive(
     difference, likeliest
 ):
-    usual = usual_lead(difference)
-    assert of(usual, NEW) == pytest.approx(first(likeliest))
-    assert of(usual, OURS) == pytest.approx(first(6))
+    leads = expected_lead(difference)
+    assert of(leads, NEW) == pytest.approx(first(likeliest))
+    assert of(leads, OURS) == pytest.approx(first(6))
     ratio = asked({1: 25}, difference=difference)[1].ratio
     assert ratio == pytest.approx(said(10 - LEAST, likeliest))
 
@@ -97,86 +97,86 @@ def test_places_near_each_other_are_no_rivals():
 
 
 def test_a_small_share_of_the_entering_mass_is_at_a_copy():
-    shares = usual_lead().entering(np.r_[OURS, NEW], EARLIER)
+    shares = expected_lead().entering(np.r_[OURS, NEW], EARLIER)
     assert shares.sum(axis=0) == pytest.approx([1, 1])
     assert shares[-1] == pytest.approx([COPY, COPY])
     assert shares[:-1, 0] == pytest.approx((1 - COPY) * first(6))  # of the running drive
     assert shares[:-1, 1] == pytest.approx((1 - COPY) * first(0))  # of unknown light
 
 
-def test_a_tenth_of_the_mass_changes_its_usual_lead_and_some_copies_end():
-    usual = usual_lead()
+def test_a_tenth_of_the_mass_changes_its_expected_lead_and_some_copies_end():
+    leads = expected_lead()
     states = np.array([[0.5, 0, 0, 0, 0, 0.25]]).T
-    moved = usual.moved(states, OURS, EARLIER, ENDING)[:, 0]
+    moved = leads.moved(states, OURS, EARLIER, ENDING)[:, 0]
     assert moved[:-1] == pytest.approx(0.5 * (0.9 * np.array([1, 0, 0, 0, 0]) + 0.1 * first(6)))
     assert moved[-1] == pytest.approx(0.996 * 0.25)
-    dark = usual.moved(states, NEW, EARLIER, ENDING)[0, 0]  # in other light, keypoints stay silent
+    dark = leads.moved(states, NEW, EARLIER, ENDING)[0, 0]  # in other light, keypoints stay silent
     assert dark == pytest.approx(0.5 * (0.9 + 0.1 * first(0)[0]))
 
 
 def test_the_last_match_has_a_weight_of_one_tenth():
-    usual, four = usual_lead(), np.array([0.0, 0.0, 0.5, 0.0, 0.0])
-    usual.learn(four, OURS[0], EARLIER)
+    leads, four = expected_lead(), np.array([0.0, 0.0, 0.5, 0.0, 0.0])
+    leads.learn(four, OURS[0], EARLIER)
     expected = 0.9 * first(6) + [0, 0, 0.1, 0, 0]
     expected[0] = first(6)[0]  # the least probable at first
-    assert of(usual, OURS) == pytest.approx(expected, rel=1e-3)
-    assert of(usual, NEW) == pytest.approx(first(0))
-    usual.reset()
-    assert of(usual, OURS) == pytest.approx(first(6))
+    assert of(leads, OURS) == pytest.approx(expected, rel=1e-3)
+    assert of(leads, NEW) == pytest.approx(first(0))
+    leads.reset()
+    assert of(leads, OURS) == pytest.approx(first(6))
 
 
 SILENT = np.array([0.7, 0.1, 0.0, 0.0, 0.0])
 
 
 def test_silent_matches_teach_silence_on_places_of_earlier_drives():
-    usual = usual_lead(0.05)  # as by noon on a map of the afternoon: shadows moved
-    assert of(usual, NEW)[0] < 0.01
+    leads = expected_lead(0.05)  # as by noon on a map of the afternoon: shadows moved
+    assert of(leads, NEW)[0] < 0.01
     for _ in range(30):
-        usual.learn(SILENT, NEW[0], EARLIER)
-    assert of(usual, NEW)[0] > 0.8
-    assert of(usual, OURS) == pytest.approx(first(6))
+        leads.learn(SILENT, NEW[0], EARLIER)
+    assert of(leads, NEW)[0] > 0.8
+    assert of(leads, OURS) == pytest.approx(first(6))
 
 
 def test_silent_matches_teach_no_silence_on_places_of_the_running_drive():
-    usual = usual_lead()
+    leads = expected_lead()
     for _ in range(100):
-        usual.learn(SILENT, OURS[0], EARLIER)
-    assert of(usual, OURS)[0] <= 1.2 * first(6)[0]
+        leads.learn(SILENT, OURS[0], EARLIER)
+    assert of(leads, OURS)[0] <= 1.2 * first(6)[0]
 
 
 def test_a_silent_lead_keeps_its_probability_after_a_thousand_matches():
-    usual = usual_lead()
+    leads = expected_lead()
     for _ in range(1000):
-        usual.learn(np.array([0.0, 0.0, 0.0, 0.9, 0.0]), OURS[0], EARLIER)
-    learned = of(usual, OURS)
+        leads.learn(np.array([0.0, 0.0, 0.0, 0.9, 0.0]), OURS[0], EARLIER)
+    learned = of(leads, OURS)
     assert learned[[0, 1, 2, 4]] == pytest.approx(first(6)[0], rel=0.01)
     assert learned.sum() == pytest.approx(1)
 
 
 def test_what_is_learned_by_day_does_not_hold_at_night():
     shown = Shown(0.0)
-    usual = UsualLead(shown)
+    leads = ExpectedLead(shown)
     for _ in range(100):
-        usual.learn(np.array([0.0, 0.0, 0.1, 0.8, 0.1]), NEW[0], EARLIER)
-    by_day = of(usual, NEW)
+        leads.learn(np.array([0.0, 0.0, 0.1, 0.8, 0.1]), NEW[0], EARLIER)
+    by_day = of(leads, NEW)
     assert by_day[0] < 0.002 and by_day[3] > 0.75
     shown.difference = 1.0
-    assert of(usual, NEW)[0] > 0.8  # keypoints are silent again
+    assert of(leads, NEW)[0] > 0.8  # keypoints are silent again
     shown.difference = 0.0
-    assert of(usual, NEW) == pytest.approx(by_day)
+    assert of(leads, NEW) == pytest.approx(by_day)
 
 
 def test_ratios_of_a_lead_are_those_worked_by_hand():
     assert ratios_of(0.0) == pytest.approx(
-        [1, *(math.exp(-(one**2) / (2 * 1.23**2)) for one in USUAL[1:]), 1]
+        [1, *(math.exp(-(one**2) / (2 * 1.23**2)) for one in EXPECTED[1:]), 1]
     )
     assert ratios_of(4.0)[2] == pytest.approx(math.exp(16 / (2 * 1.23**2)))
 
 
 @given(st.floats(-40, 40), st.floats(0, 2), st.floats(0, 1))
 def test_keypoints_never_deny_a_copy(lead, difference, share):
-    usual = usual_lead(difference)
-    states = share * usual.entering(NEW, EARLIER)
-    after = usual.moved(states, NEW, EARLIER, ENDING) * ratios_of(lead)[:, None]
+    leads = expected_lead(difference)
+    states = share * leads.entering(NEW, EARLIER)
+    after = leads.moved(states, NEW, EARLIER, ENDING) * ratios_of(lead)[:, None]
     assert np.isfinite(after).all() and (after >= 0).all()
     assert after[-1, 0] == pytest.approx(0.996 * COPY * share)
