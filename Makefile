@@ -118,6 +118,9 @@ wheel: .venv-wheel/wheel.stamp
 test-aarch64: .venv/board.stamp wheel
 	.ci/test_aarch64 .venv/bin/python
 
+# Three processes test at once, so none of them multiplies matrices on all cores.
+test-newest test-noble coverage: export OPENBLAS_NUM_THREADS = 1
+
 test-newest: .venv/test.stamp
 	.venv/$(PYTEST) $(SHARED)
 
