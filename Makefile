@@ -7,7 +7,7 @@
 # make coverage          which lines the tests reach, in htmlcov/
 # make docs              build the documentation into site/; warnings are errors
 # make docs-test         run every command of the documentation in a fresh clone: 10 minutes
-# make pictures          draw the pictures of docs/explanation and docs/ARCHITECTURE.md
+# make pictures          draw the pictures of docs/MATCHING.md and docs/ARCHITECTURE.md
 # make gif DATA=folder   draw the README's moving picture from RTAB-Map's sample images
 # make wheel             what is released, into dist: wheels for x86-64 and ARM, and the sdist
 # make board              measure a robot's board in some minutes, write board.json to send

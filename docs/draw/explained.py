@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Draw the pictures of docs/explanation/coherent_matching.md from two drives along a drawn street.
+Draw the pictures of docs/MATCHING.md from two drives along a drawn street.
 
 Usage: explained.py FOLDER, which gets explained_*.png.
 """
