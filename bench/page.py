@@ -28,8 +28,8 @@ _ROBOT_PEAK = 142.0  # GOP/s of a typical robot's core, between the first two
 _HEAD = """\
 # Speed
 
-How long does a frame take, what would it take on a robot's processor, and how much memory does a
-map need? `docs/performance.json` has all that was measured, with quartiles and stages.
+How long does a frame take, also on a robot's processor, and how much memory does a map need?
+`docs/performance.json` has all that was measured, with quartiles and stages.
 
 <!-- not run here: takes ten minutes -->
 ```bash
@@ -39,27 +39,22 @@ make board                     # two minutes: the first two tables for the machi
 
 """
 _SPLIT = """
-*Computed* from a measured split: what the kernels of pair scores take (*by peak*) is multiplied by
-the ratio of the integer peaks, the rest (*by clock*) by that of the clocks. A core that does less
-in a cycle than this one takes longer. The share of a core is that of a camera of 30 Hz with 8
-keyframes a second.
+*Computed* from a measured split: kernels of pair scores (*by peak*) scale with the integer peak, the
+rest (*by clock*) with the clock. A core that does less in a cycle takes longer. The share of a core
+is that of a camera of 30 Hz with 8 keyframes a second.
 """
 _MILLION = 1_000_000
 MAIN = 0, 1, 3  # columns
 _ADVICE = """
 ## On a robot
 
-* Install a C compiler (`apt install gcc`) before the package. `/diagnostics` names the kernel in
-  use.
+* `/diagnostics` names the kernel in use; [install](howto/install.md) says how to get them.
 * Programs of your own around the core should set `OPENBLAS_NUM_THREADS=1` and
-  `OPENCV_FOR_THREADS_NUM=1`; `vpr_node` and `convseq` do. Their threads wait by spinning.
+  `OPENCV_FOR_THREADS_NUM=1`, as `vpr_node` and `convseq` do.
 * `threads: 0` uses up to two cores. `taskset -c 3` keeps the node to one.
-* Raw images go through shared memory if camera and node have
-  `FASTRTPS_DEFAULT_PROFILES_FILE=config/fastdds_large_images.xml`.
-* Approximated are regions (8 bits), which places are scored (`search: exhaustive` scores all) and
-  cells in a map (half precision; answers are the same before and after saving).
+* Raw images are [delivered](TOPICS.md#delivery-of-images) by shared memory.
 
-Another computer: `make board` writes `board.json`. Please send it.
+`make board` writes `board.json`. Please send it.
 """
 
 
@@ -170,7 +165,7 @@ def _machine(measured: Mapping[str, Any]) -> str:
         f'{machine["cores"]} cores, clock {clock}, '
         f'peak of one core {peaks or "not measured"}, {number(machine["memory_gb"])} GB, '
         f'kernels {machine["kernels"]}, load {machine["load"]}; {versions}. Times of frames are '
-        'medians of the processor time on one core; images are drawn: a street by day is the '
-        'map, the same street in the evening the query. R is the number of places.'
+        'medians of the processor time on one core, on a drawn street by day (map) and in the '
+        'evening (query). R is the number of places.'
     )
     return textwrap.fill(text, 99, break_on_hyphens=False) + '\n'
