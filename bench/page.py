@@ -39,9 +39,9 @@ make board                     # two minutes: the first two tables for the machi
 
 """
 _SPLIT = """
-*Computed* from a measured split: kernels of pair scores (*by peak*) scale with the integer peak, the
-rest (*by clock*) with the clock. A core that does less in a cycle takes longer. The share of a core
-is that of a camera of 30 Hz with 8 keyframes a second.
+*Computed* from a measured split: kernels of pair scores (*by peak*) scale with the integer peak,
+the rest (*by clock*) with the clock. A core that does less in a cycle takes longer. The share of a
+core is that of a camera of 30 Hz with 8 keyframes a second.
 """
 _MILLION = 1_000_000
 MAIN = 0, 1, 3  # columns
