@@ -48,6 +48,8 @@ def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
     add = parser.add_argument
     several = 'of several cameras, in quotes with spaces between'
     add('--topic', default='', help=f'image topic, if there are several; {several}')
+    help_ = 'rate of a folder of pictures; default: by the times in their names, else 10'
+    add('--rate', type=float, metavar='HZ', help=help_)
     add('--odom', default='', metavar='TOPIC', help='topic of poses')
     if poses:
         help_ = 'text file of poses instead, in the format of TUM or KITTI'
@@ -64,7 +66,7 @@ def chosen_images(chosen: argparse.Namespace) -> dict[str, Any]:
     names = 'odom', 'camera_info', 'poses'
     tf = Tf(chosen.base_frame, _given_mount(chosen), note)
     texts = {name: getattr(chosen, name, None) or '' for name in names}
-    return {'topics': chosen.topic, 'tf': tf, **texts}
+    return {'topics': chosen.topic, 'tf': tf, 'rate_hz': chosen.rate, **texts}
 
 
 def _given_mount(chosen: argparse.Namespace) -> str:

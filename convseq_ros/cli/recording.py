@@ -33,8 +33,8 @@ def describe_recording(path: Path, reading: ReadingConfig = ReadingConfig()) -> 
     option, the topics that it could name, best first). Depth images do not count.
     """
     if not (path.is_dir() and holds_recording(path)) and not is_storage_file(path):
-        count = len(open_source(path, reading=reading))
-        return {'recording': str(path), 'images': count, 'warnings': []}
+        source = open_source(path, reading=reading)
+        return {'recording': str(path), 'images': len(source), 'warnings': source.warnings}
     storages, warnings = open_storage(path, reading)
     topics = merge_topics(storage.topics for storage in storages)
     seconds = sum(storage.duration_s for storage in storages)

@@ -31,23 +31,28 @@ from convseq_ros.sources.video import Video, VIDEO_SUFFIXES
 
 
 def open_source(
-    path: Path | str, topic: str = '', reading: ReadingConfig = ReadingConfig()
+    path: Path | str,
+    topic: str = '',
+    reading: ReadingConfig = ReadingConfig(),
+    rate_hz: float | None = None,
 ) -> Source:
     """
     Open a folder of pictures, a recording or a video; SourceError if the path is none of them.
 
     A recording is a .mcap, .db3 or .bag file, or a folder that a ROS 2 recorder wrote; `topic` is
-    its image topic, if it has several.
+    its image topic, if it has several. `rate_hz` is that of a folder of pictures, 0.001 to 1000.
     """
     path = Path(path)
     refuse_irregular(path)
+    if rate_hz is not None and (not path.is_dir() or holds_recording(path)):
+        raise SourceError(f'{path}: has times of its own; leave out --rate {rate_hz:g}')
     if path.suffix.lower() in VIDEO_SUFFIXES and not path.is_dir():
         _refuse_topic(path, 'a video', topic)
         return Video(path, reading)
     if not path.is_dir() or holds_recording(path):
         return Recording(path, topic, reading)
     _refuse_topic(path, 'a folder of pictures', topic)
-    return ImageFolder(path, reading)
+    return ImageFolder(path, reading, rate_hz)
 
 
 def open_annotated(
@@ -58,6 +63,7 @@ def open_annotated(
     poses: Path | str | None = None,
     reading: ReadingConfig = ReadingConfig(),
     tf: Tf = Tf(),
+    rate_hz: float | None = None,
 ) -> Source:
     """
     Open a source as `open_source`, with poses and camera from topics or files.
@@ -68,7 +74,7 @@ def open_annotated(
     be read.
     """
     path = Path(path)
-    source = open_source(path, topic, reading)
+    source = open_source(path, topic, reading, rate_hz)
     if odom and poses:
         raise SourceError(f'poses of topic {odom} or of file {poses}: give one of them')
     if not (odom or poses or camera_info):

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics carry the pictures of a camera, by their names."""
+"""Which topics and files carry the pictures of a camera, by their names."""
 
 import re
 
@@ -30,10 +30,18 @@ def image_rank(topic: str) -> tuple[bool, ...]:
     Colour cameras with usual names come first, then other cameras, infrared and lidar images, and
     last depth.
     """
-    parts = topic.split('/')
-    words = {*re.findall('[a-z]+', ' '.join(set(parts).difference(_USUAL)).lower())}
+    words = _words(' '.join(set(topic.split('/')).difference(_USUAL)))
     is_usual = topic.removesuffix(COMPRESSED).rpartition('/')[2] in _USUAL
     return bool(words & _NO_PICTURE), bool(words & _INFRARED), not is_usual, not words & _COLOUR
+
+
+def shows_no_picture(name: str) -> bool:
+    """Return whether a word of a name says depth, labels or the like."""
+    return bool(_words(name) & _NO_PICTURE)
+
+
+def _words(name: str) -> set[str]:
+    return {*re.findall('[a-z]+', name.lower())}
 
 
 def camera_info_beside(image: str) -> str:

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Folders of pictures: order, stamps, and what can be wrong with them."""
 
+import math
 import re
 
+from convseq_ros.cli.recording import describe_recording
 from convseq_ros.errors import SourceError
-from convseq_ros.sources import open_annotated, open_source
+from convseq_ros.sources import open_annotated, open_each_camera, open_source
 from convseq_ros.sources.folder import ImageFolder
 import cv2
 import numpy as np
@@ -38,10 +40,20 @@ def test_pictures_come_in_natural_order(tmp_path):
          [1403636579763555584, 1403636580000000000]),
         (['1400505794141322', '1400505794203809'], [1400505794141322000, 1400505794203809000]),
         (['1493047323123', '1493047323223'], [1493047323123000000, 1493047323223000000]),
+        # Dates count as UTC.
+        (['center_2022_02_09_16_15_53_331', 'center_2022_02_09_16_15_53_409'],
+         [1644423353331000000, 1644423353409000000]),
+        (['PXL_20220209_161553331', 'PXL_20220209_161554000'],
+         [1644423353331000000, 1644423354000000000]),
+        (['2022-02-09T16:15:53', '2022-02-09T16:15:55'],
+         [1644423353000000000, 1644423355000000000]),
+        # Two in one second: the order of their names is all that is known.
+        (['IMG_20220209_161553', 'IMG 20220209_161553'], [10**8, 2 * 10**8]),
         # Other numbers are no times: frames are a tenth of a second apart.
         (['0', '1', '2'], [10**8, 2 * 10**8, 3 * 10**8]),
         *(([name], [10**8]) for name in (
             '0000000007', '12345678901', '9999999999999999999', '2011-09-26', 'frame-000007',
+            '2022_02_39_16_15_53_331', '20220209161553_4',
         )),
     ],
 )  # fmt: skip
@@ -52,11 +64,41 @@ def test_times_in_names_are_stamps(tmp_path, names, stamps_ns):
     assert [frame.stamp_ns for frame in folder] == stamps_ns and folder.warnings == []
 
 
-def test_two_cameras_in_one_folder_are_reported(tmp_path):
-    for name in ('left_1305031102.1', 'right_1305031102.1', 'left_1305031102.2'):
+@pytest.mark.parametrize(
+    ('names', 'kept', 'line'),
+    [
+        # Udacity's simulator, without and with times.
+        (['right_1', 'left_1', 'center_1', 'right_2', 'left_2', 'center_2'],
+         ['center_1', 'center_2'],
+         '4 of 6 pictures, such as left_1.png, are left out: they are of another camera; give'),
+        (['left_2022_02_09_16_15_53_331', 'center_2022_02_09_16_15_53_331'],
+         ['center_2022_02_09_16_15_53_331'],
+         '1 of 2 pictures, such as left_2022_02_09_16_15_53_331.png, are left out: they are of'),
+        (['cam0_1305031102.1', 'cam0_1305031102.2', 'cam1_1305031102.1'],
+         ['cam0_1305031102.1', 'cam0_1305031102.2'],
+         '1 of 3 pictures, such as cam1_1305031102.1.png, are left out: they have the time of'),
+        # A word of one's own is no camera's.
+        (['leftover_1', 'rightful_1'], ['leftover_1', 'rightful_1'], None),
+    ],
+)  # fmt: skip
+def test_of_several_cameras_in_one_folder_the_first_is_taken(tmp_path, names, kept, line):
+    for name in names:
         draw(tmp_path / f'{name}.png')
-    (line,) = ImageFolder(tmp_path).warnings
-    assert '1 of 3 names have the time of another, such as left_1305031102.1.png and ri' in line
+    folder = ImageFolder(tmp_path)
+    assert [frame.source for frame in folder] == [f'{name}.png' for name in kept]
+    assert [line in one for one in folder.warnings] == ([True] if line else [])
+
+
+def test_a_rate_is_that_of_the_pictures_whatever_their_names(tmp_path):
+    for name in ('1305031102.1', '1305031102.2', '1305031102.4'):
+        draw(tmp_path / f'{name}.png')
+    (source,) = open_each_camera(tmp_path, rate_hz=2.0)
+    assert [frame.stamp_ns for frame in source] == [5 * 10**8, 10**9, 15 * 10**8]
+    for wrong in (0.0, -1.0, 1e4, math.nan):
+        with pytest.raises(SourceError, match=r'--rate \S+: is out of bounds; give 0.001 to 1000'):
+            open_source(tmp_path, rate_hz=wrong)
+    with pytest.raises(SourceError, match=r'a.mcap: has times of its own; leave out --rate 2'):
+        open_source(tmp_path / 'a.mcap', rate_hz=2.0)
 
 
 def test_file_names_of_which_only_some_are_times_are_reported(tmp_path):
@@ -68,16 +110,31 @@ def test_file_names_of_which_only_some_are_times_are_reported(tmp_path):
     assert '1 of 3 names have no time, such as cover.png; images count as 0.1 s apart' in line
 
 
-def test_depth_images_beside_colour_images_are_left_out(tmp_path):
+@pytest.mark.parametrize(
+    ('color', 'depth'),
+    [
+        ('frame-{}.color.png', 'frame-{}.depth.png'),  # 7-Scenes
+        ('frame-{}.color.jpg', 'frame-{}.depth.pgm'),  # ScanNet
+        ('rgb_{}.jpg', 'Depth_{}.png'),
+        ('{}.jpg', '{}_label.png'),
+    ],
+)
+def test_depth_and_label_images_beside_others_are_left_out(tmp_path, color, depth):
     for number in range(2):
-        draw(tmp_path / f'frame-{number:06}.color.png', 100 + number)
-        depth = np.full((6, 8), 1000 + number, np.uint16)
-        cv2.imwrite(str(tmp_path / f'frame-{number:06}.depth.png'), depth)
+        draw(tmp_path / color.format(number), 100 + number)
+        cv2.imwrite(str(tmp_path / depth.format(number)), np.full((6, 8), 1000, np.uint16))
     source = open_source(tmp_path)
-    frames = list(source)
-    assert [frame.gray[0, 0] for frame in frames] == [100, 101]
+    assert [frame.gray[0, 0] for frame in source] == [100, 101]
     (line,) = source.warnings
-    assert '2 depth images, such as frame-000000.depth.png, are left out' in line
+    assert f'2 of 4 pictures, such as {depth.format(0)}, are left out: they show depth' in line
+    assert describe_recording(tmp_path) == {
+        'recording': str(tmp_path), 'images': 2, 'warnings': [line]
+    }  # fmt: skip
+
+
+def test_a_folder_of_nothing_but_depth_is_read(tmp_path):
+    draw(tmp_path / 'depth_1.png')
+    assert len(open_source(tmp_path)) == 1 and not open_source(tmp_path).warnings
 
 
 def test_poses_of_other_times_than_the_pictures_are_refused(tmp_path):
