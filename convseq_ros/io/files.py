@@ -34,6 +34,7 @@ def read_yaml(path: Path, reading: ReadingConfig = ReadingConfig()) -> Mapping[s
         data = read_bytes(path, 'a YAML file', partial(reading.refuse_file, cost=AS_YAML))
         loader = yaml.SafeLoader(data.decode('utf-8'))
         content = _plain(loader, path)
+        repr(content)  # no message could tell an integer of thousands of digits
     except SourceError as error:
         raise ConfigError(str(error)) from None
     except RecursionError:

@@ -173,6 +173,7 @@ def test_an_unreadable_picture_is_reported_and_counted(capsys, tmp_path):
         ('{', 'not YAML'),
         ('/**: &own\n  ros__parameters: *own', 'has an alias'),
         ('[' * 1_000, 'nested too deeply'),
+        (f'/**:\n  ros__parameters: {{threads: 0x{"f" * 4000}}}', 'not YAML'),
         ('# ' * 200_000, 'set max_file_mb to 409.6'),
         ('- 1', 'not a list of'),
         ('/**:\n  ros__parameters: 3', 'not a ROS parameter file'),

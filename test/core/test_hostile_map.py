@@ -14,6 +14,7 @@ from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.database import as_map_error, Database
 from convseq_ros.core.map.edit import unlink
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
+from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import MapWriter, save_map
@@ -34,6 +35,12 @@ def path(tmp_path):
     path = tmp_path / 'map.db'
     save_map(drawn(20), path)
     return path
+
+
+def test_a_loop_of_links_is_no_map(tmp_path):
+    path = tmp_path / 'map.db'
+    path.symlink_to(path)
+    assert refusal(MapLock, path)
 
 
 def refusal(function, *args, **kwargs):
@@ -145,6 +152,26 @@ def test_cells_that_are_not_finite_are_found_when_they_are_read(path, number):
     opened = open_map(path)
     assert 'its cells are not finite, or negative' in refusal(opened.packed, 7)
     assert (opened.packed(8) == cells(8)).all()
+
+
+@pytest.mark.parametrize(
+    ('table', 'column', 'value'),
+    [
+        ('pictures', 'keypoints', bytes(1001 * 34)),
+        ('pictures', 'thumbnail', 'text'),
+        ('images', 'jpeg', 7),
+        ('images', 'jpeg', 'text'),
+    ],
+)
+def test_what_is_kept_of_a_place_has_its_type_and_no_more_keypoints_than_a_map_may_keep(
+    path, table, column, value
+):
+    rewrite(path, table, column, value)
+    said = refusal(open_map(path).pictures, [7], with_images=True)
+    assert 'the thumbnail, keypoints or image of reference 7' in said
+    if column == 'keypoints':
+        rewrite(path, table, column, bytes(1000 * 34))
+        assert len(open_map(path).keypoints(7)) == 1000
 
 
 @pytest.mark.parametrize('number', [-0.0, np.nan, np.inf, 1e300])

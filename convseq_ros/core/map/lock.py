@@ -28,7 +28,10 @@ class MapLock:
 
     def __init__(self, path: Path) -> None:
         _refuse_read_only(path)
-        target = path.resolve()
+        try:
+            target = path.resolve()
+        except RuntimeError:  # of Python before 3.13
+            raise MapError(f'{path}: a loop of symbolic links; name a file') from None
         self._path, is_ours = target.with_name(target.name + LOCK), False
         while not is_ours:
             try:

@@ -15,6 +15,7 @@ import weakref
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.first_stage import vector_length
+from convseq_ros.core.encoding.keypoints import BYTES
 from convseq_ros.core.encoding.mask import without_path
 from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.arrays import Places
@@ -29,6 +30,7 @@ _ROWS_AT_ONCE = 2048  # rows of `places` in a query, some MB of memory
 _BYTES_A_NUMBER = 2  # of the cells
 _LINKS_AT_ONCE = 8192  # rows in a query, some MB of memory
 _PICTURES_AT_ONCE = 64  # in a query; with images, some 20 MB
+_MOST_KEYPOINTS = 1000  # of a place, as the parameter `keypoints` allows: each is compared
 
 
 def open_map(
@@ -188,10 +190,12 @@ class MapReader:
                 images = self._of_places('images', block) if with_images else {}
                 for index in block:
                     cells, thumbnail, keypoints = stored[index]
-                    if not (isinstance(thumbnail, bytes) and isinstance(keypoints, bytes)):
-                        raise ValueError(f'the thumbnail or keypoints of reference {index}')
-                    packed = decode_cells(cells, self._cell_shape)
                     (image,) = images.get(index, (None,))
+                    blobs = thumbnail, keypoints, b'' if image is None else image
+                    are_bytes = all(isinstance(blob, bytes) for blob in blobs)
+                    if not are_bytes or len(keypoints) > _MOST_KEYPOINTS * BYTES:
+                        raise ValueError(f'the thumbnail, keypoints or image of reference {index}')
+                    packed = decode_cells(cells, self._cell_shape)
                     pictures[index] = Picture(packed, thumbnail, keypoints, image)
         return [pictures[index] for index in indices]
 
