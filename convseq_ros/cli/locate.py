@@ -30,7 +30,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add('images', type=Path, nargs='+', help='one image, or the last few of a drive in order')
     add('--map', type=Path, required=True, help='reference map')
-    help_ = 'file that describes the camera (YAML of ROS, calib.txt of KITTI)'
+    help_ = 'file that describes the camera (YAML of ROS, calib.txt of KITTI, matrix)'
     add('--camera-info', type=Path, metavar='FILE', help=help_)
     help_ = 'PNG to draw: the last image and its place'
     add_output(parser, '--picture', kinds=('.png',), help=help_)

@@ -52,9 +52,9 @@ def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
     add('--rate', type=float, metavar='HZ', help=help_)
     add('--odom', default='', metavar='TOPIC', help='topic of poses')
     if poses:
-        help_ = 'text file of poses instead, in the format of TUM or KITTI'
+        help_ = 'text file of poses instead, as TUM or KITTI; or a folder with one for each image'
         add('--poses', type=Path, metavar='FILE', help=help_)
-    help_ = f'topic or file (YAML of ROS, calib.txt of KITTI) of the camera; {several}'
+    help_ = f'topic or file (YAML of ROS, calib.txt of KITTI, matrix) of the camera; {several}'
     add('--camera-info', type=local, default='', metavar='TOPIC|FILE', help=help_)
     base = NodeConfig().base_frame
     help_ = f'frame of the robot in /tf_static, which says where the camera is; default: {base}'

@@ -68,10 +68,10 @@ def open_annotated(
     """
     Open a source as `open_source`, with poses and camera from topics or files.
 
-    `odom` is a topic of poses, `poses` a text file of them, as TUM or KITTI write it;
-    `camera_info` a topic, a YAML file of ROS or a calib.txt of KITTI. Where the camera is on the
-    robot is read from /tf_static of a recording, as `tf` says. SourceError if any of them cannot
-    be read.
+    `odom` is a topic of poses, `poses` a text file of them, as TUM or KITTI write it, or a folder
+    with one for each image; `camera_info` a topic, or a file of `read_camera_file`. Where the
+    camera is on the robot is read from /tf_static of a recording, as `tf` says. SourceError if any
+    of them cannot be read.
     """
     path = Path(path)
     source = open_source(path, topic, reading, rate_hz)

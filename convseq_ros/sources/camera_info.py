@@ -1,10 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A camera from a sensor_msgs/CameraInfo, a calibration of ROS in YAML, or KITTI's calib.txt."""
+"""A camera from a sensor_msgs/CameraInfo, or a file: YAML of ROS, KITTI's calib.txt, a matrix."""
 
 from dataclasses import replace
 import math
 from pathlib import Path
+import re
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +15,8 @@ from convseq_ros.errors import ConfigError, one_line, SourceError
 from convseq_ros.io.files import read_text, read_yaml
 
 _PROJECTION = 12  # numbers of a 3 x 4 matrix
+_COLUMNS = {9: 3, 12: 4, 16: 4}  # by the numbers of a matrix
+_BETWEEN = re.compile(r'[][,;]')  # its numbers, but for blanks
 # Focal lengths, and distances of the centre, in sides of the image: no lens is beyond.
 _SHORTEST, _LONGEST = 1e-3, 1e6
 
@@ -28,12 +31,14 @@ def read_camera_file(
     """
     Return the camera that a file describes, for images of a height and width; or SourceError.
 
-    The file is YAML as `camera_calibration` writes it, or KITTI's calib.txt, of which the first
-    projection is used. `warnings` gets the line of `correction`, if there is one.
+    The file is YAML as `camera_calibration` writes it, KITTI's calib.txt, of which the first
+    projection is used, or nothing but a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers. `warnings` gets
+    the line of `correction`, if there is one.
     """
     text = read_text(path, 'a calibration', reading, AS_YAML)
     try:
-        info = _projection(text, height, width) or _calibration(path, reading)
+        info = _projection(text, height, width) or _matrix(text, height, width)
+        info = info or _calibration(path, reading)
         camera = camera_from_info(info)
     except (
         ArithmeticError,
@@ -44,8 +49,8 @@ def read_camera_file(
         ValueError,
     ) as why:
         raise SourceError(
-            f'{path}: neither a calibration of ROS (YAML) nor a calib.txt of KITTI '
-            f'({one_line(why, 80)})'
+            f'{path}: neither a calibration of ROS (YAML), nor a calib.txt of KITTI, nor a 3 x 3 '
+            f'matrix ({one_line(why, 80)})'
         ) from None
     if camera is None:
         raise SourceError(f'{path}: the camera is not calibrated: its matrices are zero')
@@ -57,10 +62,28 @@ def read_camera_file(
 def _projection(text: str, height: int, width: int) -> Any:
     """Return the first line that ends with a 3 x 4 matrix, as a CameraInfo, if there is one."""
     for line in text.splitlines():
-        words = line.rpartition(':')[2].split()
-        if len(words) == _PROJECTION:
-            return _info(width, height, [0.0] * 9, [float(word) for word in words])
+        numbers = _numbers(line.rpartition(':')[2])
+        if len(numbers) == _PROJECTION:
+            return _info(width, height, [0.0] * 9, numbers)
     return None
+
+
+def _matrix(text: str, height: int, width: int) -> Any:
+    """Return the matrix that is all of a text, as a CameraInfo, if it is that of a camera."""
+    numbers = _numbers(_BETWEEN.sub(' ', text))
+    if len(numbers) not in _COLUMNS:
+        return None
+    columns = _COLUMNS[len(numbers)]
+    k = [numbers[row * columns + column] for row in range(3) for column in range(3)]
+    return _info(width, height, k, [0.0] * _PROJECTION) if k[6:] == [0, 0, 1] else None
+
+
+def _numbers(text: str) -> list[float]:
+    """Return the numbers between blanks; none if there is anything else."""
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:
+        return []
 
 
 def _calibration(path: Path, reading: ReadingConfig) -> Any:

@@ -64,6 +64,34 @@ def test_stamps_of_tum_are_exact_and_frames_lie_between_them(file):
     assert pose_at(0, 1_700_000_002_000_000_000) is None
 
 
+@pytest.mark.parametrize(
+    'lines',
+    [
+        ('1700000000000000003.000000 2 0 0 0 0 0 1',),  # ORB-SLAM3's nanoseconds
+        ('1700000000000000.003 2 0 0 0 0 0 1',),
+        ('1700000000000.000003 2 0 0 0 0 0 1',),
+        ('#timestamp, x, y, z, qx, qy, qz, qw', '1700000000.000000003, 2, 0, 0, 0, 0, 0, 1'),
+        ('timestamp x y z qx qy qz qw', '1700000000.000000003,2,0,0,0,0,0,1'),
+        ('#timestamp x y z qx qy qz qw id', '1700000000.000000003 2 0 0 0 0 0 1 7'),  # RTAB-Map's
+    ],
+)
+def test_poses_as_other_programs_write_them_are_read(file, lines):
+    pose_at = read_pose_file(file(*lines), 1)
+    assert pose_at(0, 1_700_000_000_000_000_003).position == (2.0, 0.0, 0.0)
+
+
+def test_a_folder_has_a_matrix_for_each_image(tmp_path):
+    for number, matrix in ((10, RIGHT), (9, AHEAD)):
+        path = tmp_path / f'frame-{number}.pose.txt'
+        path.write_text('\n'.join([*matrix.split(), '0 0 0 1']))
+    pose_at = read_pose_file(tmp_path, 2)
+    assert pose_at(0, 0).position == (2.5, 0.0, 0.0)
+    assert pose_at(1, 0).position == (0.0, -1.0, -3.0)
+    (tmp_path / 'frame-11.pose.txt').write_text('1 0')
+    with pytest.raises(SourceError, match=r'frame-11.pose.txt: 2 numbers; expected 8'):
+        read_pose_file(tmp_path, 3)
+
+
 # Of two numbers so small that they have few digits left, the direction below is not known.
 @given(strategies.lists(strategies.floats(-1, 1, allow_subnormal=False), min_size=4, max_size=4))
 def test_a_kitti_rotation_keeps_its_axis_and_angle(tmp_path_factory, numbers):
@@ -88,10 +116,13 @@ def test_a_kitti_rotation_keeps_its_axis_and_angle(tmp_path_factory, numbers):
     [
         ((), 'holds no pose'),
         (None, 'no such file; give a text file with one pose'),
+        (('timestamp tx', '{'), 'holds no pose'),
+        (('#timestamp [ns], p_RS_R_x [m], q_RS_w [], q_RS_x []',), 'line 1: .* begin with w; TUM'),
+        (('VehicleName TimeStamp POS_X Q_W Q_X',), 'line 1: .* docs/FILES.md shows how AirSim'),
+        (('{"fl_x": 1.5,', '"frames": [{'), 'line 1: 2 numbers; .* docs/FILES.md .* and NeRF'),
         (b'\xff\xfe\x00', 'not a text file'),
         (('# nothing',), 'holds no pose'),
         (('1 2 3',), 'line 1: 3 numbers'),
-        (('1,0,0,0,0,0,0,1',), 'line 1: 1 numbers; .* by spaces, not by commas'),
         ((AHEAD, '1 2 3'), 'line 2: 3 numbers'),
         ((AHEAD, AHEAD.replace('2.5', 'x')), "line 2: could not convert string to float: 'x'"),
         ((AHEAD, AHEAD.replace('2.5', 'nan')), 'line 2: a number is not finite'),
@@ -110,7 +141,7 @@ def test_a_kitti_rotation_keeps_its_axis_and_angle(tmp_path_factory, numbers):
     ],
 )
 def test_an_invalid_pose_is_named_with_its_line(file, tmp_path, lines, said):
-    path = file(*lines) if isinstance(lines, tuple) else tmp_path / ('binary' if lines else '')
+    path = file(*lines) if isinstance(lines, tuple) else tmp_path / ('binary' if lines else 'none')
     if isinstance(lines, bytes):
         path.write_bytes(lines)
     with pytest.raises(SourceError, match=said):
@@ -124,6 +155,14 @@ camera_matrix: {rows: 3, cols: 3, data: [50, 0, 30, 0, 51, 20, 0, 0, 1]}
 """
 KITTI = 'P0: 50 0 30 0 0 51 20 0 0 0 1 0\nP1: 9 0 9 0 0 9 9 0 0 0 1 0'
 
+ONE_LINE = """image_width: 64
+image_height: 48
+camera_matrix: {data: [50, 0, 30, 0, 51, 20, 0, 0, 1]}
+projection_matrix:
+  data: [9, 0, 9, 0, 0, 9, 9, 0, 0, 0, 1, 0]
+"""
+MATRIX = '50 0 30\n0 51 20\n0 0 1\n'
+
 
 @pytest.fixture
 def folder(tmp_path):
@@ -134,7 +173,18 @@ def folder(tmp_path):
     return tmp_path / 'images'
 
 
-@pytest.mark.parametrize('text', [CALIBRATION, KITTI])
+@pytest.mark.parametrize(
+    'text',
+    [
+        CALIBRATION,
+        KITTI,
+        ONE_LINE,
+        ONE_LINE.replace('data: [9', '{data: [9').replace('1, 0]', '1, 0]}'),
+        MATRIX,
+        '[[50., 0, 30], [0, 51, 20],\n [0, 0, 1]]',
+        '50,0,30,0\n0,51,20,0\n0,0,1,0\n0,0,0,1',  # ScanNet's
+    ],
+)
 def test_frames_of_a_folder_know_their_poses_and_their_camera(folder, file, tmp_path, text):
     (tmp_path / 'camera').write_text(text)
     source = open_annotated(folder, camera_info=str(tmp_path / 'camera'), poses=file(AHEAD, RIGHT))
@@ -153,6 +203,7 @@ def test_frames_of_a_folder_know_their_poses_and_their_camera(folder, file, tmp_
         ('image_width: 64', 'neither a calibration of ROS'),
         ('[' * 1000, 'neither a calibration of ROS'),
         ('!!python/object/apply:os.system [true]', 'neither a calibration of ROS'),
+        (MATRIX.replace('0 1', '1 0'), 'nor a 3 x 3 matrix'),
         (CALIBRATION.replace('50, 0,', '50,'), 'matrices K and P of 8 and 12 numbers'),
         (CALIBRATION.replace('50, 0, 30, 0, 51, 20', '0, 0, 0, 0, 0, 0').replace(', 1]', ', 0]'),
          'not calibrated'),
