@@ -26,7 +26,8 @@ class AcceptanceConfig(Checked):
         low=0.0, high=1.0, dynamic=True,
     )
     rival_distance: int = parameter(
-        10, 'Places of the map that are further than this from a candidate are its rivals.',
+        10, 'The candidates of an answer are further apart than this; by the margin rule, the '
+        'second is the rival of the first.',
         unit='places', low=0, high=10000, dynamic=True,
     )
     num_candidates: int = 5  # per result; no two are closer than rival_distance

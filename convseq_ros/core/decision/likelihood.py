@@ -45,6 +45,7 @@ class COPIES:
     cells: float = 0.002
     scenes: float = 1e-4
     along: float = 0.3  # share of drives elsewhere along which the strongest place moves, too
+    by_chance: float = 9.0  # places in which the strongest one lies by chance (docs/NOTES.md)
 
 
 UNVERIFIED = math.log(1 - CELLS.works)  # log ratio of places that are not verified
@@ -81,10 +82,10 @@ def gain_of(follows: float, chance: float, affirmed: float = 1.0) -> float:
     """
     Return the gain of the strongest place for being the strongest: -log q.
 
-    With the belief f that expects it there (`follows`), the chance 9 / N, the share s of drives
+    With the belief f that expects it there (`follows`), the chance h / N, the share s of drives
     elsewhere along which the strongest place moves as well, and the ratio K of its keypoints,
 
-        q = min(1, f s / (s + (1 - s) min(1, K)) + 9 / N)
+        q = min(1, f s / (s + (1 - s) min(1, K)) + h / N)
     """
     along = COPIES.along / (COPIES.along + (1 - COPIES.along) * min(1.0, affirmed))
     return -math.log(min(1.0, follows * along + chance))

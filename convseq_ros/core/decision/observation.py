@@ -19,6 +19,7 @@ from convseq_ros.core.decision.expected_lead import (
 )
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import (
+    COPIES,
     Evidence,
     gain_of,
     Leads,
@@ -27,7 +28,6 @@ from convseq_ros.core.decision.likelihood import (
     UNVERIFIED,
 )
 from convseq_ros.core.geometry.verification import Verification
-from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.types import Doubles, Indices
@@ -102,7 +102,7 @@ class Observer:
 
     def _expected(self, query: Query, belief: Belief, best: int) -> tuple[float, float]:
         """Return how far the belief, and how far chance expects the strongest place there."""
-        chance = min(1.0, (LINKS.neighbour_radius + 1) / query.usable)
+        chance = min(1.0, COPIES.by_chance / query.usable)
         if belief.elsewhere >= 1:
             return 0.0, chance
         is_beside = self._near.within(belief.places, best, COMPARED.verify_radius)
