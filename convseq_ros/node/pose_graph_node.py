@@ -11,7 +11,7 @@ from typing import Any
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.core.rigid import Matrix, matrix, pose_of
-from convseq_ros.core.types import Pose
+from convseq_ros.core.types import LocalizationState, Pose
 from convseq_ros.errors import ConvseqError, with_traceback
 from convseq_ros.io.output_file import ANY, OutputFile, refuse_outputs, TEXT
 from convseq_ros.io.regular_file import write_lines
@@ -77,8 +77,8 @@ class PoseGraphNode(ListeningNode):
         self._thread: Thread | None = None
         self._frame, self._map_id, self._problem = '', '', ''
         self._update_ms = self._solve_ms = 0.0
-        self._shown = -1  # keyframes in the last path
-        self._is_closed = False
+        self._breaks = set[int]()  # stamps at which odometry was loosened
+        self._is_closed = self._is_localised = False
         self._transform = MapToOdom(self, config.map_frame, config.publish_tf)
         self._path = advertise(self, PathMessage, '~/path')
         self._diagnostics = advertise(self, DiagnosticArray, '/diagnostics')
@@ -90,6 +90,9 @@ class PoseGraphNode(ListeningNode):
         ):
             FollowingSubscription(self, kind, topic, call, _DEPTH)
         self.create_subscription(DiagnosticArray, 'vpr_node/map_info', self._on_map, LATCHED)
+        self.create_subscription(
+            DiagnosticStatus, 'vpr_node/localization', self._on_localization, LATCHED
+        )
         self.create_service(Trigger, '~/save', self._on_save, qos_profile=SERVICE_QOS)
         steady_timer(self, config.period_s, self._work)
         steady_timer(self, _PERIOD_S, self._report)
@@ -175,6 +178,16 @@ class PoseGraphNode(ListeningNode):
                 if self._graph.running.at(stamp_ns) is not None:
                     self._graph.name_session(values['session_ids'].split()[-1])
 
+    def _on_localization(self, message: Any) -> None:
+        """Take note that the robot is lost, as one is that was carried away."""
+        was, self._is_localised = (
+            self._is_localised,
+            message.message == LocalizationState.LOCALISED,
+        )
+        if was and not self._is_localised:
+            with self._lock:
+                self._graph.lose()
+
     def _leave_out(self, what: str) -> None:
         self.get_logger().warning(f'{what}; it is left out', once=True)
 
@@ -197,6 +210,14 @@ class PoseGraphNode(ListeningNode):
             self._solve_ms = 1000 * (time.perf_counter() - start_s)
             with self._lock:
                 changed = self._graph.adopt(problem, solution)
+                breaks = {self._graph.running.keyframe_ns(at) for at in self._graph.running.breaks}
+            for stamp_ns in sorted(breaks - self._breaks):
+                self.get_logger().warning(
+                    f'closures agree with each other and contradict odometry at '
+                    f'{stamp_ns / 1e9:.3f}: the robot was carried away or slipped; odometry is '
+                    'loosened there'
+                )
+            self._breaks = breaks
             for one in changed:
                 self._tell(one)
         except Exception as error:
@@ -236,6 +257,11 @@ class PoseGraphNode(ListeningNode):
         if not values['keyframes']:
             return DiagnosticStatus.WARN, f'no odometry on {self._odometry.topic}'
         text = '{keyframes} keyframes; closures: {kept} kept, {refused} refused'.format(**values)
+        if count := values['contradicting']:
+            return DiagnosticStatus.WARN, (
+                f'{text}; the newest {count} contradict odometry: if the robot was carried away, '
+                'map -> odom is wrong until three agree'
+            )
         return DiagnosticStatus.OK, text
 
     def _on_save(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

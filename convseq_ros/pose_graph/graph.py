@@ -5,13 +5,15 @@
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import pairwise, takewhile
 import math
+from operator import not_
 from typing import Any
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.core.rigid import inverse, Matrix
 from convseq_ros.core.types import constants
+from convseq_ros.pose_graph.carried import Carried
 from convseq_ros.pose_graph.closures import Closure, Known
 from convseq_ros.pose_graph.edges import Edge, link_edge
 from convseq_ros.pose_graph.odometry import Odometry
@@ -66,6 +68,7 @@ class PoseGraph:
         self._steps: list[Edge] = []
         self._solver = Solver()
         self._solution: Solution | None = None
+        self._carried = Carried(self.running, self._first(self.running), self._pose)
 
     def add_odometry(
         self, stamp_ns: int, pose: Matrix, told: tuple[float, float] | None = None
@@ -112,24 +115,56 @@ class PoseGraph:
         return np.asarray(self._move @ self.running.bridge)
 
     def problem(self) -> Problem | None:
-        """Return what is to be solved; None if no new closure has both its places."""
+        """Return what is to be solved; None if there is nothing new."""
         if not self.running.keyframes:
             return None
         waiting = [one for one in self.known.values() if one.edge is None and one.kept is None]
         found = [(one, places) for one in waiting if (places := self._places(one))]
-        if not found:
+        if not found and self._carried.breaks().keys() == self.running.breaks:
             return None
         self.nodes = self.nodes or {_MAP: np.eye(4)}
         stored = set[int]() if self._nodes else {*self.nodes}
         new = self._extend({query[0] for _, (_, _, query) in found} | stored)
         for one, places in found:
             one.edge = self._link(*places)
+        ends = [(one.edge.end, one) for one, _ in found if one.edge]
+        for _, one in sorted(ends, key=lambda end: end[0]):
+            self._carried.add(one)
+        self._loosen()
         links = [one for one in self.known.values() if one.edge]
         held = {self._first(drive): LIVE.loose for drive in self.drives}
         if self.earlier or not any(one.edge and one.edge.start == _MAP for one in links):
             held[1] = ROBUST.held
         held[_MAP], first = ROBUST.held, self._first(self.running)
         return Problem(new, self.poses, [*self._steps], links, held, first, self._solver)
+
+    def _loosen(self) -> None:
+        """Let odometry break where closures say so, and nowhere else; such a graph is new."""
+        drive, first, breaks = self.running, self._first(self.running), self._carried.breaks()
+        changed = breaks.keys() ^ drive.breaks
+        if not changed:
+            return
+        nodes, drive.breaks = self.poses(), {*breaks}
+        for number in sorted(changed):
+            at = bisect_left(self._nodes, first + number)
+            before, node = self._nodes[at - 1], self._nodes[at]
+            moved = nodes[before] @ drive.step(before - first, node - first, first).moved
+            if one := breaks.get(number):  # what follows is where its first closure says
+                moved = nodes[one.start] @ one.moved @ inverse(nodes[one.end]) @ nodes[node]
+            move = moved @ inverse(nodes[node])
+            nodes |= {after: move @ nodes[after] for after in self._nodes[at:]}
+        self._steps = [
+            drive.edge(step.start - first, step.end - first, first)
+            if step.start >= first
+            else step
+            for step in self._steps
+        ]
+        self._solver = Solver()
+
+    def _pose(self, node: int) -> Matrix:
+        """Return the pose (4, 4) of a node, as it was solved last."""
+        pose = self._solver.pose(node)
+        return self.nodes[node] if pose is None else pose
 
     def _extend(self, wanted: set[int]) -> dict[int, Matrix]:
         """Make nodes of new keyframes; `wanted` ones are nodes in any case."""
@@ -194,7 +229,7 @@ class PoseGraph:
         moves = np.array([nodes[first + at] @ inverse(drive.keyframe(int(at))) for at in fixed])
         after = np.searchsorted(fixed, wanted, 'right')
         before, after = (np.clip(at, 0, len(fixed) - 1) for at in (after - 1, after))
-        spread = np.array(drive.spread).sum(axis=1)
+        spread = drive.variances().sum(axis=1)
         starts, ends = spread[fixed[before]], spread[fixed[after]]
         share = ((spread[wanted] - starts) / np.maximum(ends - starts, 1e-12)).clip(0, 1)
         share = share[:, None, None]
@@ -224,9 +259,25 @@ class PoseGraph:
             'twice': self.twice,
             'odometry_resets': self.running.resets,
             'clock_jumps': self.restarts,
+            'carried': len(self.running.breaks),
+            'contradicting': self.contradicting,
             'largest_residual': max((one.error for one in kept), default=0.0),
             'in_map': self._is_aligned,
         }
+
+    @property
+    def contradicting(self) -> int:
+        """How many of the newest closures in a row are refused."""
+        first, verdicts = self._first(self.running), list[tuple[int, bool]]()
+        for one in self.known.values():
+            if one.edge and one.kept is not None and one.edge.end >= first:
+                verdicts.append((one.closure.query_ns, one.kept))
+        newest = (kept for _, kept in sorted(verdicts, reverse=True))
+        return sum(1 for _ in takewhile(not_, newest))
+
+    def lose(self) -> None:
+        """Take note that the robot is lost: its odometry may break here."""
+        self.running.hints.append(len(self.running.keyframes))
 
     def whole(self) -> tuple[dict[int, Matrix], list[Edge]]:
         """Return the corrected keyframes of all drives by node, and all edges that count."""

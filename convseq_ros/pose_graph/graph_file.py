@@ -54,7 +54,7 @@ def save_graph(graph: PoseGraph, path: Path, map_id: str) -> int:
         'stamps': [stamp for drive in drives for stamp in drive.stamps],
         'poses': [pose[:3] for drive in drives for pose in drive.poses],
         'keyframes': [at for drive in drives for at in drive.keyframes],
-        'spread': [variances for drive in drives for variances in drive.spread],
+        'spread': [row for drive in drives for row in drive.variances()],
         'nodes': [*poses],
         'solved': [pose[:3] for pose in poses.values()],
         'ends': [(edge.start, edge.end) for edge in edges],

@@ -4,11 +4,12 @@
 
 from bisect import bisect_right
 from collections.abc import Iterable
+from dataclasses import replace
 import math
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.core.rigid import angle, inverse, Matrix, turned_by
-from convseq_ros.core.types import constants
+from convseq_ros.core.types import constants, Doubles
 from convseq_ros.pose_graph.edges import Edge
 import cv2
 import numpy as np
@@ -27,6 +28,7 @@ class ODOMETRY:
     excused_rad: float = 0.5
     lost_m: float = 5.0  # standard deviations of the motion during a reset
     lost_rad: float = 1.0
+    carried: float = 1e3  # standard deviation where closures contradict, metres and radians
     jump_back_ns: int = 1_000_000_000  # a clock that goes back further begins anew
 
 
@@ -36,7 +38,8 @@ class Odometry:
 
     When odometry is reset, the robot stays where it is: `bridge` (4, 4) is the pose of the frame
     of odometry, as it is now, in the frame of the drive. `spread` are the variances of the
-    keyframes, position (m2) and heading (rad2), since the start of the drive.
+    keyframes, position (m2) and heading (rad2), since the start of the drive. Before the keyframes
+    in `breaks` the motion is unknown; before those in `hints` it may be.
     """
 
     def __init__(
@@ -50,7 +53,7 @@ class Odometry:
     ) -> None:
         self.session, self.bridge, self.resets = session, np.eye(4), 0
         self.stamps, self.poses, self.keyframes = [*stamps], [*poses], [*keyframes]
-        self.spread = [*spread]
+        self.spread, self.breaks, self.hints = [*spread], set[int](), list[int]()
         self._config = config
         self._raw = self._newest = self._last_keyframe = np.eye(4)
         self._is_passing = False  # whether the next pose replaces the newest one
@@ -94,6 +97,7 @@ class Odometry:
         if not _is_near(self._raw, raw, furthest_m, furthest_rad):
             self.bridge = self.poses[-1] @ inverse(raw)
             self.resets += 1
+            self.hints.append(len(self.keyframes))
             self._lost_m2, self._lost_rad2 = ODOMETRY.lost_m**2, ODOMETRY.lost_rad**2
             self._told = None
 
@@ -145,8 +149,24 @@ class Odometry:
         """Return the pose (4, 4) of a keyframe."""
         return self.poses[self.keyframes[number]]
 
+    def keyframe_ns(self, number: int) -> int:
+        """Return the time of a keyframe."""
+        return self.stamps[self.keyframes[number]]
+
     def edge(self, start: int, end: int, first: int) -> Edge:
         """Return the motion between two keyframes; `first` is the first keyframe's node."""
+        step = self.step(start, end, first)
+        if not any(start < number <= end for number in self.breaks):
+            return step
+        return replace(step, covariance=step.covariance + np.eye(6) * ODOMETRY.carried**2)
+
+    def variances(self) -> Doubles:
+        """Return `spread`, (n, 2), with what is unknown at breaks."""
+        broken = np.bincount([*self.breaks], minlength=len(self.spread)).cumsum()
+        return np.reshape(self.spread, (-1, 2)) + broken[:, None] * ODOMETRY.carried**2
+
+    def step(self, start: int, end: int, first: int) -> Edge:
+        """Return the motion between two keyframes as odometry has it, also across a break."""
         moved = inverse(self.keyframe(start)) @ self.keyframe(end)
         (metres, radians), (more_m2, more_rad2) = self.spread[start], self.spread[end]
         turned = more_rad2 - radians

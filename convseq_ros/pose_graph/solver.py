@@ -106,6 +106,13 @@ class Solver:
             values.insert(at, self._isam.calculateEstimatePose3(at))
         return values
 
+    def pose(self, index: int) -> Matrix | None:
+        """Return a pose (4, 4), as it is now; None if it is not solved."""
+        with self._changing:
+            if self._isam and self._isam.valueExists(index):
+                return np.asarray(self._isam.calculateEstimatePose3(index).matrix())
+        return None
+
     def _whole(self) -> Any:
         """Return all poses, as they are now; as they were where GTSAM has no solution."""
         with self._changing, suppress(RuntimeError, LookupError, ValueError):

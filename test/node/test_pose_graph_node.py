@@ -162,6 +162,36 @@ def test_over_topics_a_drive_is_corrected_and_a_false_closure_is_refused_and_rep
     assert off_m < 0.3 * np.linalg.norm(DRIFTED[NUM][:3, 3] - TRUE[NUM][:3, 3])
 
 
+def test_a_robot_that_was_carried_away_is_warned_of_until_three_closures_agree(
+    client, graph_node, monkeypatch
+):
+    node = graph_node()
+    monkeypatch.setattr(node, 'get_logger', Mock())
+    drive(node)
+    close(client, node, *RIGHT[:3])
+    # Carried to where it was 30 steps before, which odometry does not see.
+    away = [closure(LAP + at, at - 30) for at in (32, 35, 38)]
+    for one, at in zip(away, (32, 35, 38), strict=True):
+        before = inverse(TRUE[at - 30]) @ TRUE[at - 30]
+        one.pose.pose = pose_only_message(pose_of(before))
+    close(client, node, away[0])
+    level, text = node._state(node._graph.counts)
+    assert level == DiagnosticStatus.WARN and 'the newest 1 contradict odometry' in text
+    close(client, node, *away[1:])
+    client.wait_for(lambda: node._graph.counts['carried'])
+    client.wait_for(lambda: node._state(node._graph.counts)[0] == DiagnosticStatus.OK)
+    lines = [call.args[0] for call in node.get_logger().warning.call_args_list]
+    assert 'contradict odometry at 15.400: the robot was carried away' in ''.join(lines)
+
+
+def test_a_localised_robot_that_is_lost_may_have_been_carried(graph_node):
+    node = graph_node()
+    drive(node, last=10)
+    for state in ('lost', 'localised', 'candidate', 'lost', 'localised'):
+        node._on_localization(DiagnosticStatus(message=state))
+    assert node._graph.running.hints == [11]
+
+
 def test_files_are_written_by_the_service_and_at_the_end_and_read_again(
     client, graph_node, tmp_path
 ):

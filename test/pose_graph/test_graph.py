@@ -230,6 +230,74 @@ def test_a_clock_that_goes_back_begins_the_graph_anew():
     assert graph.counts['clock_jumps'] == 1
 
 
+# A robot that was carried away.
+
+CARRIED_AT, FURTHER = 60, 30  # step at which it is carried on by so many steps, unseen by odometry
+
+
+def carried_away(is_online: bool, is_seen_lost: bool) -> list[tuple[bool, float, dict]]:
+    """Return for each closure whether it is after the carrying, the error in m, and counts."""
+    graph, there, found = driven([]), np.eye(4) if is_online else pose(200.0, -50.0, 2.0), []
+    unseen = DRIFTED[CARRIED_AT - 1] @ inverse(DRIFTED[CARRIED_AT + FURTHER - 1])
+    for step in range(110):
+        is_after = step >= CARRIED_AT
+        at = step + FURTHER * is_after
+        if step == CARRIED_AT and is_seen_lost:
+            graph.lose()
+        graph.add_odometry(
+            stamp(step), odometry := unseen @ DRIFTED[at] if is_after else DRIFTED[at]
+        )
+        true, before = there @ TRUE[at], at - LAP
+        if step % 8 != 7 or (is_online and not is_after):
+            continue
+        if is_online:
+            solve(graph, closure(step, before, inverse(TRUE[before]) @ TRUE[at]))
+            true = graph.corrected(graph.running)[before] @ inverse(TRUE[before]) @ true
+        else:
+            graph.add_pose(stamp(step), true, MEASURED)
+            solve(graph, closure(step, 3, session='earlier'))
+        off_m = np.linalg.norm((graph.correction @ odometry - true)[:3, 3])
+        found.append((is_after, float(off_m), graph.counts))
+    return found
+
+
+@pytest.mark.parametrize('is_seen_lost', [False, True])
+@pytest.mark.parametrize('is_online', [False, True])
+def test_closures_that_agree_and_contradict_odometry_say_that_the_robot_was_carried(
+    is_online, is_seen_lost
+):
+    rows = carried_away(is_online, is_seen_lost)
+    assert all(off_m < 0.5 and not counts['carried'] for after, off_m, counts in rows if not after)
+    needed = 2 if is_seen_lost else 3
+    for number, (_, off_m, counts) in enumerate((row for row in rows if row[0]), 1):
+        if number < needed:
+            assert off_m > 5 and counts['contradicting'] == number and not counts['carried']
+        else:
+            assert off_m < 0.5 and counts['contradicting'] == 0 and counts['carried'] == 1
+
+
+def test_random_false_closures_do_not_agree_and_break_nothing():
+    graph = driven(DRIFTED)
+    solve(graph, *RIGHT[:8])
+    for query, reference in ((135, 20), (138, 70), (141, 5)):
+        assert solve(graph, closure(query, reference, np.eye(4))) == [False]
+    assert graph.counts['contradicting'] == 3 and not graph.counts['carried']
+    assert solve(graph, *RIGHT[-2:]) == [True, True]
+    assert graph.counts['contradicting'] == 0
+
+
+def test_a_break_by_false_closures_that_agree_is_undone_when_right_ones_come():
+    graph = driven(DRIFTED)
+    solve(graph, *RIGHT[:8])
+    for at in (42, 45, 48):  # as in a street that looks like the one 15 m on
+        solve(graph, closure(LAP + at, at - 15, np.eye(4)))
+    assert graph.counts['carried'] == 1
+    assert solve(graph, *RIGHT[-5:]) == [True] * 5
+    assert graph.counts['carried'] == 0 and graph.counts['refused'] == 3
+    positions = graph.corrected(graph.running)[:, :3, 3]
+    assert np.linalg.norm(positions[LAP + 1 :] - positions[1 : LAP + 1], axis=1).max() < 0.5
+
+
 # The file.
 
 
