@@ -34,6 +34,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
+import numpy as np
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
@@ -123,6 +124,12 @@ class PoseGraphNode(ListeningNode):
             return
         covariance = message.pose.covariance
         told = float(covariance[0] + covariance[7]) / 2, float(covariance[35])
+        if not np.isfinite(told).all():  # PoseGraph then takes the parameters
+            self.get_logger().warning(
+                f'{self._odometry.topic}: a covariance of {told[0]:g} m2 and {told[1]:g} rad2 is '
+                'left out, odometry_sigma_m and odometry_sigma_rad count; look at its publisher',
+                once=True,
+            )
         start_s = time.perf_counter()
         with self._lock:
             restarts, resets = self._graph.restarts, self._graph.running.resets

@@ -28,7 +28,11 @@ class ODOMETRY:
     excused_rad: float = 0.5
     lost_m: float = 5.0  # standard deviations of the motion during a reset
     lost_rad: float = 1.0
-    carried: float = 1e3  # standard deviation where closures contradict, metres and radians
+    carried_m: float = 1e3  # standard deviations of the motion where closures contradict it
+    carried_rad: float = 3.0
+    told_m: float = 0.01  # least standard deviation that is believed, after a metre driven, ...
+    told_rad: float = 0.005
+    told_of_turn: float = 0.02  # ... and after a radian turned; at most that of a reset
     jump_back_ns: int = 1_000_000_000  # a clock that goes back further begins anew
 
 
@@ -108,12 +112,21 @@ class Odometry:
 
     def _add_keyframe(self, pose: Matrix, told: tuple[float, float] | None) -> None:
         variances = self._lost_m2, self._lost_rad2
+        told = told if told and np.isfinite(told).all() else None
         if self.spread:
             metres, radians = self._config.odometry_sigma_m, self._config.odometry_sigma_rad
             distance_m = max(0.1, self._distance_m)
             grown = metres**2 * distance_m, radians**2 * distance_m
             if told and self._told and told[0] > self._told[0] and told[1] > self._told[1]:
-                grown = told[0] - self._told[0], told[1] - self._told[1]
+                turn_rad = angle(self._last_keyframe[:3, :3].T @ pose[:3, :3])
+                least_m2 = ODOMETRY.told_m**2 * distance_m
+                least_rad2 = (
+                    ODOMETRY.told_rad**2 * distance_m + ODOMETRY.told_of_turn**2 * turn_rad
+                )
+                grown = (
+                    min(max(told[0] - self._told[0], least_m2), ODOMETRY.lost_m**2),
+                    min(max(told[1] - self._told[1], least_rad2), ODOMETRY.lost_rad**2),
+                )
             metres2, radians2 = self.spread[-1]
             variances = variances[0] + grown[0] + metres2, variances[1] + grown[1] + radians2
         self.spread.append(variances)
@@ -158,12 +171,14 @@ class Odometry:
         step = self.step(start, end, first)
         if not any(start < number <= end for number in self.breaks):
             return step
-        return replace(step, covariance=step.covariance + np.eye(6) * ODOMETRY.carried**2)
+        unknown = np.diag([ODOMETRY.carried_m**2] * 3 + [ODOMETRY.carried_rad**2] * 3)
+        return replace(step, covariance=step.covariance + unknown)
 
     def variances(self) -> Doubles:
         """Return `spread`, (n, 2), with what is unknown at breaks."""
         broken = np.bincount([*self.breaks], minlength=len(self.spread)).cumsum()
-        return np.reshape(self.spread, (-1, 2)) + broken[:, None] * ODOMETRY.carried**2
+        unknown = np.square((ODOMETRY.carried_m, ODOMETRY.carried_rad))
+        return np.reshape(self.spread, (-1, 2)) + broken[:, None] * unknown
 
     def step(self, start: int, end: int, first: int) -> Edge:
         """Return the motion between two keyframes as odometry has it, also across a break."""

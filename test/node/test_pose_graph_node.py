@@ -304,6 +304,19 @@ def test_a_message_that_is_no_closure_is_left_out_and_reported(graph_node, chang
     assert node.get_logger().warning.call_count == 2
 
 
+def test_a_covariance_that_is_not_finite_is_left_out_and_reported(graph_node, monkeypatch):
+    node = graph_node()
+    monkeypatch.setattr(node, 'get_logger', Mock())
+    for step in range(3):
+        message = odometry(step)
+        message.pose.covariance[0] = math.inf
+        node._on_odometry(message)
+    (line,) = {call.args[0] for call in node.get_logger().warning.call_args_list}
+    assert 'a covariance of inf m2 and 0 rad2 is left out' in line
+    assert len(node._graph.running.keyframes) == 3
+    assert np.isfinite(node._graph.running.spread).all()
+
+
 def test_an_odometry_reset_and_a_backward_clock_jump_are_reported(graph_node, monkeypatch):
     node = graph_node()
     monkeypatch.setattr(node, 'get_logger', Mock())

@@ -151,7 +151,17 @@ def test_odometry_with_a_growing_covariance_is_believed_accordingly():
             graph.add_odometry(stamp(step), pose(2.0 * step), told)
         solve(graph, Closure(stamp(10), stamp(0), pose(21.0), MEASURED))
         ends.append(graph.corrected(graph.running)[-1, 0, 3])
-    assert ends[0] < 20.1 and ends[1] > 20.9
+    assert ends[0] < 20.15 and ends[1] > 20.9
+
+
+@pytest.mark.parametrize('growth', [1e-20, 1e-9, 1e15, math.inf, math.nan])
+def test_a_covariance_of_odometry_that_is_absurd_refuses_no_closure(growth):
+    """No odometry is better than 1 cm and 0.3 degrees after a metre, nor worse than a reset."""
+    graph = PoseGraph(PoseGraphConfig(graph_spacing_m=0.9))
+    for step, at in enumerate(DRIFTED):
+        graph.add_odometry(stamp(step), at, (growth * step, growth * step))
+    assert all(solve(graph, *RIGHT)) and not graph.counts['carried']
+    assert error_m(graph) < 5
 
 
 # Bad input.
