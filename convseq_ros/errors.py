@@ -21,6 +21,10 @@ class ImageError(ConvseqError):
     """A single image cannot be decoded; the stream that it came from goes on."""
 
 
+class FormatError(ImageError):
+    """An image is of an encoding or a format that is not read; so are all others of its stream."""
+
+
 class SourceError(ConvseqError):
     """A folder or recording cannot be read, or holds no images."""
 

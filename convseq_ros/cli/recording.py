@@ -16,7 +16,7 @@ from convseq_ros.sources.recording import read_camera_in
 from convseq_ros.sources.recording_names import holds_recording
 from convseq_ros.sources.storage import is_storage_file, open_storage, Storage
 from convseq_ros.sources.topic_rank import camera_info_beside, image_rank
-from convseq_ros.sources.topics import CAMERA_TYPES, merge_topics, POSE_TYPES, Topic
+from convseq_ros.sources.topics import CAMERA_TYPES, merge_topics, not_read, POSE_TYPES, Topic
 
 _REMAPPED = {'--topic': 'image', '--odom': 'odom', '--camera-info': 'camera_info'}
 _FIXES = 'sensor_msgs/msg/NavSatFix'
@@ -132,6 +132,9 @@ def recording_lines(facts: dict[str, Any]) -> list[str]:
         for fact in facts.get('topics', [])
         if fact['type'] == _FIXES
     ]
+    missing = [option for option, names in facts.get('use', {}).items() if not names]
+    topics = [Topic(fact['topic'], fact['type'], 1) for fact in facts.get('topics', [])]
+    lines += [printable(line) for option in missing for line in not_read(topics, option)]
     lines += [f'warning: {printable(text)}' for text in facts['warnings']]
     if not facts['images']:
         return [*lines, '', 'no images of a camera: no map can be made of it']

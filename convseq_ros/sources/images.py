@@ -11,12 +11,13 @@ camera's message gives the same pixels.
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+import re
 from typing import Any
 
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.errors import ImageError
+from convseq_ros.errors import FormatError, ImageError
 from convseq_ros.io.picture_header import declared_size, refuse_large
-from convseq_ros.sources.raw_message import COMPRESSED_IMAGE, RawMessage
+from convseq_ros.sources.raw_message import COMPRESSED_IMAGE, RawMessage, REPUBLISH
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -24,11 +25,16 @@ import numpy.typing as npt
 Gray = npt.NDArray[np.uint8]
 Pixels = npt.NDArray[np.uint8]
 
-_READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+_READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
 _BITS = (8, 10, 12, 14, 16)  # of a pixel, by a camera's converter
 _MEGA = 1_000_000
 _PIXEL_BYTES = 8  # largest pixel of a large picture: four numbers of 16 bits
 _JPEG_START, _JPEG_SCAN, _JPEG_END = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
+_BLOCK_PX, _MISSING = 8, 128  # side of a block, and the grey of one whose data are missing
+_NO_PICTURES = frozenset({
+    'av1', 'avif', 'h264', 'h265', 'hevc', 'jxl', 'mpeg4', 'theora', 'vp8', 'vp9'
+})  # fmt: skip
+_VIDEO_STARTS = b'\0\0\0\1', b'\0\0\1'  # ITU-T H.264, annex B
 
 
 def gray_of(pixels: Pixels) -> Gray:
@@ -51,7 +57,7 @@ def image_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixe
     """
     encoding = ENCODINGS.get(message.encoding)
     if encoding is None:
-        raise ImageError(
+        raise FormatError(
             f'encoding: {message.encoding!r} is not supported; use {", ".join(ENCODINGS)}'
         )
     height, width = int(message.height), int(message.width)
@@ -106,9 +112,12 @@ def _pixels_of(message: Any, pixel_bytes: int, reading: ReadingConfig) -> Pixels
 def compressed_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """Return the image (H, W, 3), blue, green, red, of a CompressedImage; or ImageError."""
     if 'compressedDepth' in message.format:
-        raise ImageError(
+        raise FormatError(
             f'format: {message.format!r} is a depth image; choose the topic of the colour camera'
         )
+    is_video = bytes(message.data[:4]).startswith(_VIDEO_STARTS)
+    if is_video or not _NO_PICTURES.isdisjoint(re.findall('[a-z0-9]+', message.format.lower())):
+        raise FormatError(f'format: {message.format!r} {REPUBLISH}')
     try:
         return picture_pixels(message.data, reading)
     except ImageError as error:
@@ -116,15 +125,22 @@ def compressed_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) ->
 
 
 def picture_pixels(data: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
-    """Return a decoded picture (H, W, 3), not rotated; ImageError if damaged or too large."""
+    """
+    Return a decoded picture (H, W, 3), upright by its EXIF; ImageError if damaged or too large.
+
+    A JPEG of one scan may lack its end marker, and part of its last block.
+    """
     encoded = np.frombuffer(data, np.uint8)
     content = data if isinstance(data, bytes) else encoded.tobytes()
     size, pixels = declared_size(content), None
     if size is not None:
         refuse_large(size, reading, 'data')
-        if _is_cut_jpeg(content):
-            count = encoded.size
-            raise ImageError(f'data: {count} bytes of a JPEG that is cut short; send it whole')
+        if _lacks_end(content):
+            whole = content + _JPEG_END
+            if size.passes > 1 or _lacks_data(whole):
+                count = encoded.size
+                raise ImageError(f'data: {count} bytes of a JPEG that is cut short; send it whole')
+            encoded = np.frombuffer(whole, np.uint8)
         with suppress(cv2.error):
             pixels = cv2.imdecode(encoded, _READ_FLAGS)
     if pixels is None:
@@ -146,9 +162,21 @@ def read_picture(path: Path, reading: ReadingConfig = ReadingConfig()) -> Pixels
     return picture_pixels(path.read_bytes(), reading)
 
 
-def _is_cut_jpeg(data: bytes) -> bool:
-    """Return whether a JPEG lacks its end, which some versions of OpenCV fill with grey."""
+def _lacks_end(data: bytes) -> bool:
+    """Return whether a JPEG lacks its end marker, and perhaps more before it."""
     return data.startswith(_JPEG_START) and data.rfind(_JPEG_END) <= data.rfind(_JPEG_SCAN)
+
+
+def _lacks_data(data: bytes) -> bool:
+    """Return whether the last block of a JPEG of one scan is missing: decoders make it grey."""
+    gray = None
+    with suppress(cv2.error):
+        encoded = np.frombuffer(data, np.uint8)
+        gray = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+    if gray is None:
+        return True
+    row, column = ((side - 1) // _BLOCK_PX * _BLOCK_PX for side in gray.shape)
+    return bool((gray[row:, column:] == _MISSING).all())
 
 
 def _uint8(array: Any) -> npt.NDArray[np.uint8]:

@@ -16,6 +16,8 @@ IMAGE, COMPRESSED_IMAGE = IMAGE_TYPES = (
     'sensor_msgs/msg/Image',
     'sensor_msgs/msg/CompressedImage',
 )
+# What to do with a topic of video, or of pictures that are not read.
+REPUBLISH = 'is video, or a picture that is not read: republish it (image_transport republish)'
 MAX_STAMP_NS = 2**63 - 1
 _HEADER_END = 4  # bytes that give the byte order; fields are aligned from there on
 STAMP_END = 12  # end of seconds and nanoseconds, with which a std_msgs/Header starts

@@ -11,7 +11,7 @@ import sys
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Camera, Frame, Pose
-from convseq_ros.errors import ImageError, printable, SourceError
+from convseq_ros.errors import FormatError, ImageError, printable, SourceError
 from convseq_ros.sources.camera_info import camera_from_info, correction
 from convseq_ros.sources.images import gray_of, message_pixels
 from convseq_ros.sources.mount import StaticTransforms
@@ -94,7 +94,8 @@ class Recording:
     The images of a ROS 1 or ROS 2 recording, in the order in which they were recorded.
 
     The frame of a message that cannot be decoded has a `problem` and no image. `warnings`, one
-    line each, grow while the recording is read. SourceError as in `TopicMessages`.
+    line each, grow while the recording is read. SourceError as in `TopicMessages`, and if the
+    first image is of a format that is not read.
     """
 
     def __init__(
@@ -115,10 +116,12 @@ class Recording:
         return self._count
 
     def __iter__(self) -> Iterator[Frame]:
-        for message in self._raw_messages():
+        for number, message in enumerate(self._raw_messages()):
             try:
                 pixels = message_pixels(message, self._reading)
             except ImageError as error:
+                if isinstance(error, FormatError) and not number:
+                    raise SourceError(f'{self._path}: images of {self.topic}: {error}') from None
                 yield Frame(message.stamp_ns, None, self.topic, problem=str(error))
                 continue
             if not (message.header_stamp_ns or self._messages.has_useless_stamps()):

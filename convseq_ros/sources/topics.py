@@ -10,7 +10,7 @@ from shlex import quote
 from typing import Any, NamedTuple
 
 from convseq_ros.errors import ConvseqError, pip_install, SourceError
-from convseq_ros.sources.raw_message import damaged, RawMessage
+from convseq_ros.sources.raw_message import damaged, RawMessage, REPUBLISH
 
 TF_TYPES = ('tf2_msgs/msg/TFMessage',)
 CAMERA_TYPES = ('sensor_msgs/msg/CameraInfo',)
@@ -20,6 +20,15 @@ POSE_TYPES = (
     'geometry_msgs/msg/PoseStamped',
     'geometry_msgs/msg/PoseWithCovarianceStamped',
 )
+# By option, types that have images or poses in a form that is not read, and what helps.
+NOT_READ = {
+    '--topic': dict.fromkeys((
+        'ffmpeg_image_transport_msgs/msg/FFMPEGPacket', 'foxglove_msgs/msg/CompressedVideo',
+        'theora_image_transport/msg/Packet',
+    ), REPUBLISH),
+    '--odom': dict.fromkeys(TF_TYPES, 'has transforms, not poses: `evo_traj bag2 RECORDING '
+        '/tf:odom.base_link --save_as_tum` makes a file for --poses'),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +74,7 @@ def choose_topic(
         others = ', '.join(f'{topic.name} ({topic.type_name})' for topic in topics.values())
         raise SourceError(
             f'{path}: no {kind} messages in this recording; it holds {others or "nothing"}'
+            + ''.join(f'; {line}' for line in not_read(topics.values(), option))
         )
     choices = ' or '.join(f'{option} {quote(topic.name)}' for topic in fitting)
     if not wanted:
@@ -81,6 +91,16 @@ def choose_topic(
     else:
         problem = f'topic {wanted!r} is of type {topics[wanted].type_name}'
     raise SourceError(f'{path}: {problem}; use {choices}')
+
+
+def not_read(topics: Iterable[Topic], option: str) -> list[str]:
+    """Return a line for each topic that an option could name if its type were another."""
+    remedies = NOT_READ.get(option, {})
+    return [
+        f'{topic.name} {remedies[topic.type_name]}'
+        for topic in topics
+        if topic.type_name in remedies and not topic.name.endswith('_static')
+    ]
 
 
 def decode(message: RawMessage) -> Any:

@@ -7,7 +7,7 @@ import struct
 from types import SimpleNamespace
 import zlib
 
-from convseq_ros.errors import ImageError
+from convseq_ros.errors import FormatError, ImageError
 from convseq_ros.sources.images import (
     compressed_pixels,
     ENCODINGS,
@@ -228,12 +228,45 @@ def exif(orientation):
     return b'Exif\x00\x00' + tiff
 
 
-def test_exif_orientation_is_ignored():
+def with_exif(jpeg, orientation):
+    block = exif(orientation)
+    return jpeg[:2] + b'\xff\xe1' + struct.pack('>H', len(block) + 2) + block + jpeg[2:]
+
+
+def test_a_picture_is_turned_by_its_exif_as_viewers_do():
     data = cv2.imencode('.jpg', smooth(20, 30))[1].tobytes()
-    block = exif(orientation=6)
-    turned = data[:2] + b'\xff\xe1' + struct.pack('>H', len(block) + 2) + block + data[2:]
-    assert cv2.imdecode(np.frombuffer(turned, np.uint8), cv2.IMREAD_COLOR).shape[:2] == (30, 20)
-    np.testing.assert_array_equal(gray_of(picture_pixels(turned)), gray_of(picture_pixels(data)))
+    flat = gray_of(picture_pixels(data))
+    turned = gray_of(picture_pixels(with_exif(data, orientation=6)))
+    np.testing.assert_array_equal(turned, np.rot90(flat, -1))
+
+
+@pytest.mark.parametrize('orientation', [1, 6])
+@pytest.mark.parametrize('subsampled', [0x111111, 0x221111])
+def test_a_jpeg_that_lacks_only_its_end_marker_is_decoded(orientation, subsampled):
+    options = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, subsampled]
+    picture = cv2.imencode('.jpg', smooth(39, 50, 3), options)[1].tobytes()
+    data = with_exif(picture, orientation)
+    np.testing.assert_array_equal(picture_pixels(data[:-2]), picture_pixels(data))
+
+
+def test_a_jpeg_that_lacks_its_last_block_or_scan_is_cut():
+    dark = np.full((24, 32), 20, np.uint8)  # a block is a byte or two
+    for progressive, lost in ((0, 5), (1, 2)):
+        data = cv2.imencode('.jpg', dark, [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive])[1].tobytes()
+        with pytest.raises(ImageError, match='a JPEG that is cut short'):
+            picture_pixels(data[:-lost])
+
+
+@pytest.mark.parametrize(
+    ('name', 'data'),
+    [
+        ('h264', b'123'), ('bgr8; AVIF compressed', b'123'), ('jpeg', b'\0\0\0\1\x67'),
+        ('', b'\0\0\1\x67'),
+    ],
+)  # fmt: skip
+def test_video_is_refused_by_name_or_content_with_the_remedy(name, data):
+    with pytest.raises(FormatError, match=f'^format: {name!r} is video.*image_transport repub'):
+        compressed_pixels(SimpleNamespace(format=name, data=data))
 
 
 def test_compressed_depth_is_refused_by_name():
@@ -243,7 +276,7 @@ def test_compressed_depth_is_refused_by_name():
 
 
 @pytest.mark.parametrize('suffix', ['.jpg', '.png'])
-@pytest.mark.parametrize('share', [0.0, 0.02, 0.3, 0.7, 0.98])
+@pytest.mark.parametrize('share', [0.0, 0.02, 0.3, 0.7, 0.9])  # of 12 blocks of a JPEG
 def test_cut_pictures_are_image_errors(suffix, share, capfd):
     data = cv2.imencode(suffix, noise(40, 50, 3))[1].tobytes()
     fields = SimpleNamespace(format='jpeg', data=data[: int(len(data) * share)])

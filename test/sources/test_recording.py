@@ -3,14 +3,16 @@
 """Whole recordings: storages, topics, stamps, raw messages, poses."""
 
 from dataclasses import replace
+from pathlib import Path
 import sys
 
+from convseq_ros.cli.recording import recording_lines
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.sources import open_source
 from convseq_ros.sources import recording as module
 from convseq_ros.sources.recording import read_poses, Recording
-from convseq_ros.sources.topics import typestore
+from convseq_ros.sources.topics import choose_topic, Topic, typestore
 import numpy as np
 import pytest
 import recordings
@@ -106,6 +108,34 @@ def test_a_recording_without_images_names_what_it_has(write, storage, wanted):
     with pytest.raises(SourceError, match=r'/chatter \(std_msgs/msg/String\)') as caught:
         open_source(path, wanted)
     assert '\n' not in str(caught.value)
+
+
+def test_images_of_a_format_that_is_not_read_are_one_line(write, pictures):
+    depth = [recordings.image(gray, encoding='32FC1') for gray in pictures]
+    with pytest.raises(SourceError, match=rf"mcap: images of {TOPIC}: encoding: '32FC1' is not"):
+        list(open_source(write('mcap file', [(TOPIC, 1, message) for message in depth])))
+
+
+@pytest.mark.parametrize(
+    ('option', 'name', 'kind', 'line'),
+    [
+        ('--topic', '/cam/h264', 'foxglove_msgs/msg/CompressedVideo', 'is video, or a picture'),
+        ('--odom', '/tf', 'tf2_msgs/msg/TFMessage', 'has transforms, not poses: `evo_traj bag2'),
+        ('--odom', '/tf_static', 'tf2_msgs/msg/TFMessage', None),
+        ('--topic', '/tf', 'tf2_msgs/msg/TFMessage', None),
+    ],
+)
+def test_video_and_transforms_are_named_with_the_remedy(option, name, kind, line):
+    topic = Topic(name, kind, 3)
+    with pytest.raises(SourceError) as caught:
+        choose_topic(Path('x.mcap'), {name: topic}, '', ('a/msg/B',), option)
+    end = f'it holds {name} ({kind})'
+    assert (f'{end}; {name} {line}' if line else end) in str(caught.value)
+    assert bool(line) == (not str(caught.value).endswith(end))
+    facts = {'recording': 'x', 'images': 0, 'seconds': 1.0, 'warnings': [], 'use': {option: []}}
+    facts['topics'] = [{'topic': name, 'type': kind, 'messages': 3, 'rate_hz': 1.0}]
+    told = [one for one in recording_lines(facts) if one.startswith(f'{name} ')]
+    assert [line in one for one in told] == ([True] if line else [])
 
 
 def test_time_of_recording_stands_in_for_missing_stamps_with_one_warning(write, layout, pictures):
