@@ -165,28 +165,6 @@ def test_an_unreadable_picture_is_reported_and_counted(capsys, tmp_path):
     assert (built['frames'], built['added'], built['unreadable']) == (3, 2, 1)
 
 
-@pytest.mark.parametrize(
-    ('text', 'told'),
-    [
-        ('/**:\n  ros__parameters: {fixed_lenght: 3}', 'did you mean fixed_length?'),
-        ('fixed_length: 3', 'not a ROS parameter file'),
-        ('{', 'not YAML'),
-        ('/**: &own\n  ros__parameters: *own', 'has an alias'),
-        ('[' * 1_000, 'nested too deeply'),
-        (f'/**:\n  ros__parameters: {{threads: 0x{"f" * 4000}}}', 'not YAML'),
-        ('# ' * 200_000, 'set max_file_mb to 409.6'),
-        ('- 1', 'not a list of'),
-        ('/**:\n  ros__parameters: 3', 'not a ROS parameter file'),
-    ],
-)
-def test_a_bad_parameter_file_is_refused_in_one_line(
-    capsys, drive, map_path, tmp_path, text, told
-):
-    file = tmp_path / 'my.yaml'
-    file.write_text(text)
-    assert told in refused(capsys, 'replay', drive, '--map', map_path, '--config', file)
-
-
 def limited(arguments, size):
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))

@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Both nodes over DDS, small: vpr_node in online mode, and false closures in between."""
 
-from contextlib import suppress
 import math
 from pathlib import Path
-import threading
 
 from convseq_ros.simulation import town
 from convseq_ros.simulation.recording import write_recording
@@ -27,45 +25,6 @@ SETTINGS = {
 SECOND = 1_000_000_000
 
 
-class Listener:
-    """Hears loop closures as LIO-SAM does: best effort, depth 1."""
-
-    def __init__(self) -> None:
-        from rclpy.context import Context
-        from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-        from rclpy.node import Node
-        from rclpy.qos import QoSProfile, ReliabilityPolicy
-        from std_msgs.msg import Float64MultiArray
-
-        self.heard: list[tuple[float, ...]] = []
-        self._context = Context()
-        self._context.init()
-        self._node = Node('lio_sam', context=self._context)
-        self._node.create_subscription(
-            Float64MultiArray,
-            '/vpr_node/loop_closure',
-            lambda message: self.heard.append(tuple(message.data)),
-            QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
-        )
-        executor = SingleThreadedExecutor(context=self._context)
-        executor.add_node(self._node)
-
-        def spin() -> None:
-            with suppress(ExternalShutdownException):
-                while self._context.ok():
-                    executor.spin_once(timeout_sec=0.2)
-            executor.shutdown()
-
-        self._thread = threading.Thread(target=spin)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Leave the graph."""
-        self._context.try_shutdown()
-        self._thread.join()
-        self._node.destroy_node()
-
-
 def test_closures_of_the_node_correct_the_path_and_false_ones_do_not(tmp_path):
     route, source = town.two_blocks(30.0, 24.0), Path(town.__file__).read_bytes()
     drawn = drives.kept(lambda: town.shots(route), 'simulated', source, route)
@@ -76,21 +35,13 @@ def test_closures_of_the_node_correct_the_path_and_false_ones_do_not(tmp_path):
     )
     false = (min(truth) + 36 * SECOND, min(truth) + 7 * SECOND)
     assert math.dist(truth[false[0]], truth[false[1]]) > 15
-    listener = Listener()
-    try:
-        play(tmp_path, len(truth), 8.0, SETTINGS, [false])
-    finally:
-        listener.stop()
-
+    play(tmp_path, len(truth), 8.0, SETTINGS, [false])
     log = (tmp_path / 'pose_graph_node.log').read_text()
     query_s, reference_s = (stamp_ns / 1e9 for stamp_ns in false)
     assert f'closure of {query_s:.3f} with {reference_s:.3f} is refused: ' in log
     lines = (tmp_path / 'graph.g2o').read_text().splitlines()
     edges = [[int(word) for word in line.split()[1:3]] for line in lines if line[:4] == 'EDGE']
     assert sum(end - start != 1 for start, end in edges) >= 5
-    assert all(len(pair) == 2 for pair in listener.heard)
-    # Younger closures reach the back end as odometry messages alone; the false one is of 29 s.
-    assert all(query_s - reference_s >= 29 - 1e-3 for query_s, reference_s in listener.heard)
     after = read_trajectory(tmp_path / 'trajectory.txt')
     assert error_m(after, truth) < 0.6 * error_m(odometry, truth)
 

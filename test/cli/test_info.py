@@ -81,10 +81,6 @@ def test_a_hostile_topic_name_is_quoted_as_one_word():
 
 DEPTH_CAMERAS = {  # the colour topic, one of depth, and the encoding of depth
     'TUM RGB-D': ('/camera/rgb/image_color', '/camera/depth/image', '32FC1'),
-    'ZED': (
-        '/zed/zed_node/rgb/color/rect/image', '/zed/zed_node/depth/depth_registered', '32FC1'
-    ),
-    'Kinect': ('/camera/rgb/image_raw', '/camera/depth_registered/image_raw', '16UC1'),
     'RealSense': (
         '/camera/color/image_raw', '/camera/aligned_depth_to_color/image_raw', '16UC1'
     ),

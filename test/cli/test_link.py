@@ -226,6 +226,3 @@ def test_linking_without_poses_or_links_writes_nothing_and_gives_the_reason(tmp_
     assert main(['map', 'link', str(path), '-o', str(better)]) == 1
     assert 'no place was passed twice, so there is no link' in capsys.readouterr().err
     assert not better.exists()
-    better.touch()
-    assert main(['map', 'link', str(path), '-o', str(better)]) == 1
-    assert 'exists already' in capsys.readouterr().err

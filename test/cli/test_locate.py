@@ -104,24 +104,3 @@ def test_an_unreadable_image_among_others_is_warned_about(place_map, images, tmp
     told = capsys.readouterr()
     assert told.out.startswith('localised: place 4')
     assert told.err.startswith(f'warning: {tmp_path / "text.png"}: not a readable picture (')
-
-
-@pytest.mark.parametrize(
-    ('image', 'map_name', 'said'),
-    [
-        ('missing.png', 'walls.db', 'missing.png: No such file'),
-        ('text.png', 'walls.db', 'text.png: '),
-        ('0.png', 'missing.db', 'missing.db'),
-        ('', 'walls.db', ': a folder; give its last few pictures'),
-    ],
-)
-def test_an_unreadable_image_or_map_is_named(
-    place_map, images, tmp_path, capsys, image, map_name, said
-):
-    images(0)
-    (tmp_path / 'text.png').write_text('no picture')
-    path = place_map[0].with_name(map_name)
-    assert main(['locate', str(tmp_path / image), '--map', str(path)]) == 1
-    assert said in capsys.readouterr().err
-    assert main(['locate', *images(0), '--map', str(place_map[0]), '--mode', 'online']) == 1
-    assert 'locate adds nothing' in capsys.readouterr().err

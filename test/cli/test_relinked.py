@@ -86,13 +86,6 @@ def test_links_are_removed_by_session_or_all_at_once(path, capsys):
     assert '32 of 32 links taken out; convseq map link' in capsys.readouterr().out
 
 
-def test_unlinking_a_place_without_a_link_is_refused_and_changes_nothing(path, capsys):
-    before = path.read_bytes()
-    assert main(['map', 'unlink', str(path), '--place', '3']) == 1
-    assert 'place 3 has no link' in capsys.readouterr().err
-    assert path.read_bytes() == before
-
-
 def test_merging_with_max_looks_writes_the_map_once_without_surplus_looks(
     path, monkeypatch, capsys
 ):
@@ -113,9 +106,7 @@ def test_a_merged_map_keeps_eight_looks_of_a_place_by_default(tmp_path):
         assert len(open_map(merged)) == kept * ROUND
 
 
-def test_info_counts_places_and_draws_no_map_without_poses(path, tmp_path, capsys):
-    pytest.importorskip('matplotlib')
-    assert main(['info', str(path), '--picture', str(tmp_path / 'map.svg')]) == 1
-    said = capsys.readouterr()
-    assert '96 keyframes, 32 places, each passed 3.0 times; 64 links, 64 between' in said.out
-    assert f'{path}: the map has no poses to draw it by; build it with --odom' in said.err
+def test_info_counts_places(path, capsys):
+    assert main(['info', str(path)]) == 0
+    told = '96 keyframes, 32 places, each passed 3.0 times; 64 links, 64 between'
+    assert told in capsys.readouterr().out

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`convseq map merge`, `split`, `remove`, `rename`: exact, whole or not at all, else one line."""
+"""`convseq map merge`, `split`, `remove`, `rename`: exact, and whole or not at all."""
 
 from dataclasses import replace
 import json
@@ -9,7 +9,7 @@ import signal
 
 from convseq_ros.app.map_builder import MapBuilder
 from convseq_ros.cli import main
-from convseq_ros.config import Config, EncodingConfig, KeyframeConfig
+from convseq_ros.config import Config, EncodingConfig
 from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.edit import rename_session
 from convseq_ros.core.map.reader import open_map
@@ -148,51 +148,6 @@ def test_sessions_without_a_name_are_called_after_their_map(tmp_path, run):
     code, said = run('map', 'merge', tmp_path / 'old.db', '-o', tmp_path / 'new.db')
     assert code == 0 and '6 keyframes' in said
     assert [one.name for one in open_map(tmp_path / 'new.db').sessions] == ['old-1', 'old-2']
-
-
-@pytest.fixture(scope='module')
-def refusing(maps, tmp_path_factory):
-    """Return a folder of maps of drives, of other settings, and of a node that saw nothing."""
-    folder = tmp_path_factory.mktemp('refusing')
-    for path in maps.iterdir():
-        (folder / path.name).symlink_to(path)
-    both = [str(maps / f'drive{drive}.db') for drive in (0, 1)]
-    assert main(['map', 'merge', *both, '-o', str(folder / 'two.db')]) == 0
-    small = replace(CONFIG, encoding=EncodingConfig(image_size_px=64))
-    every = replace(CONFIG, keyframes=KeyframeConfig(keyframe_overlap=1.0))
-    for name, config in (('small.db', small), ('every.db', every)):
-        with MapBuilder(folder / name, config) as builder:
-            for frame in frames(0, 3):
-                builder.process(frame)
-    Autosave(folder / 'empty.db', CONFIG.encoding, CONFIG.keyframes).close()
-    return folder
-
-
-NO_PLACES = 'empty.db: has no places; add a drive: convseq build-map RECORDING '
-REFUSED = [
-    ('remove two.db --session drive', "no single session is 'drive'; it has 0 'drive 0', 1 'dri"),
-    ('rename two.db --session 1 drive_0', ''),
-    ('rename two.db --session 1 ', ''),
-    ('rename two.db --session 1 a\nb', ''),
-    ('merge two.db drive1.db -o c.db', "its session 'drive 1' is in"),
-    ('merge two.db two.db -o c.db', 'leave one out'),
-    ('merge drive2.db -o two.db', 'exists already'),
-    ('merge drive0.db small.db -o c.db', 'made with image_size_px'),
-    ('merge drive0.db every.db -o c.db', 'made with keyframe_overlap'),
-    ('remove empty.db --session 0', NO_PLACES),
-    ('unlink empty.db --session 0', NO_PLACES),
-    ('rename empty.db --session 0 x', NO_PLACES),
-    ('split empty.db', NO_PLACES),
-]
-
-
-@pytest.mark.parametrize(('words', 'told'), REFUSED)
-def test_what_cannot_be_done_is_refused_in_one_line(words, told, refusing, monkeypatch, run):
-    monkeypatch.chdir(refusing)
-    before = {path: path.read_bytes() for path in refusing.iterdir()}
-    code, line = run('map', *(word.replace('_', ' ') for word in words.split(' ')))
-    assert code == 1 and line.count('\n') == 1 and told in line
-    assert {path: path.read_bytes() for path in refusing.iterdir()} == before
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,14 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Outputs that would replace a map, an input or each other, or that cannot be written."""
+"""What a command refuses in one line, before anything is written; above all its outputs."""
 
 import os
+import shlex
 import shutil
 
 from convseq_ros.cli import main
+from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.errors import ConfigError
 from convseq_ros.io.output_file import ANSWERS, LIBRARY, OutputFile
 from convseq_ros.io.results import ResultWriter
@@ -18,6 +21,7 @@ NO_FILE = 'is not a file, but a device, a pipe or a socket; name a file'
 PAGE = 'is of no kind that is written; name a .html or .htm'
 ANSWER = 'is of no kind that is written; name a .csv or .mcap'
 FIGURE = 'is of no kind that is written; name a .png or .svg or .pdf'
+NO_PLACES = 'has no places; add a drive: convseq build-map RECORDING '
 REPLAY = 'replay drive --map m.db'
 CASES = [
     ('locate drive/000.png --map m.db --picture m.db', '--picture: m.db', ANOTHER),
@@ -54,16 +58,54 @@ CASES = [
     ('info m.db --picture p', '--picture: p', FIGURE),
     ('info drive --picture a.png', '--picture: draws', 'a map; name one instead of drive'),
     (f'{REPLAY} --report set.yaml', '--report: set.yaml', PAGE),
+    ('replay drive --map none/new.db --mode online', 'none/new.db:', 'there is no folder'),
+    ("build-map drive new.db --topic '/a /a'", '', 'names a camera twice'),
+    ("replay drive --map m.db --camera-info /a --topic '/a /b'", '', '1 for 2 cameras; name one'),
+    ('build-map drive new.db --max-looks 3 --no-links', '', 'leave out --no-links'),
+    ('build-map drive new.db --max-looks 1000', 'max_looks: 1000', 'outside 0 .. 100'),
+    ('map unlink m.db --place 1', '', 'place 1 has no link'),
+    ('map link m.db -o other.db', '', 'exists already'),
+    ('map remove two.db --session drive', '', "no single session is 'drive'; it has 0 'drive', 1"),
+    ("map rename two.db --session 1 ''", '', ''),
+    ("map rename two.db --session 1 'a\nb'", '', ''),
+    ('map merge two.db other.db -o new.db', '', "its session 'drive' is in"),
+    ('map merge two.db two.db -o new.db', '', 'leave one out'),
+    ('map merge m.db -o two.db', '', 'exists already'),
+    ('map merge m.db small.db -o new.db', '', 'made with image_size_px'),
+    ('map merge m.db every.db -o new.db', '', 'made with keyframe_overlap'),
+    ('map remove empty.db --session 0', 'empty.db:', NO_PLACES),
+    ('map unlink empty.db --session 0', 'empty.db:', NO_PLACES),
+    ('map rename empty.db --session 0 x', 'empty.db:', NO_PLACES),
+    ('map split empty.db', 'empty.db:', NO_PLACES),
+    ('info m.db --picture a.png', '', 'the map has no poses to draw it by; build it with --odom'),
+    ('locate missing.png --map m.db', '', 'missing.png: No such file'),
+    ('locate poses.txt --map m.db', '', 'poses.txt: '),
+    ('locate drive/000.png --map missing.db', '', 'missing.db'),
+    ('locate . --map m.db', '', ': a folder; give its last few pictures'),
+    ('locate drive/000.png --map m.db --mode online', '', 'locate adds nothing'),
+    ('demo --output .', '', 'not of an earlier demo'),
 ]
 
 
+@pytest.fixture(scope='module')
+def built(tmp_path_factory):
+    """Return a folder with a drive, maps of it, and one of a node that saw nothing."""
+    folder = tmp_path_factory.mktemp('built')
+    pictures.written(folder / 'drive', map(pictures.scene, range(3)))
+    for name in ('m', 'other', 'small --image-size-px 64', 'every --keyframe-overlap 1'):
+        name, *more = name.split()
+        assert main(['build-map', str(folder / 'drive'), str(folder / f'{name}.db'), *more]) == 0
+    both = [str(folder / name) for name in ('m.db', 'other.db', 'two.db')]
+    assert main(['map', 'merge', *both[:2], '-o', both[2]]) == 0
+    Autosave(folder / 'empty.db', EncodingConfig(), KeyframeConfig()).close()
+    return folder
+
+
 @pytest.fixture
-def here(tmp_path, monkeypatch):
+def here(built, tmp_path, monkeypatch):
     """Return a folder to work in, with files that must stay."""
     monkeypatch.chdir(tmp_path)
-    pictures.written(tmp_path / 'drive', map(pictures.scene, range(3)))
-    assert main(['build-map', 'drive', 'm.db']) == 0
-    shutil.copy('m.db', 'other.db')
+    shutil.copytree(built, tmp_path, dirs_exist_ok=True)
     (tmp_path / 'set.yaml').write_text('name: mine')
     (tmp_path / 'poses.txt').write_text('0 0 0 0 0 0 0 1\n')
     (tmp_path / 'results').mkdir()
@@ -88,15 +130,15 @@ def contents(folder):
 
 
 @pytest.mark.parametrize(('line', 'named', 'told'), CASES, ids=[line for line, *_ in CASES])
-def test_an_output_that_costs_a_file_is_refused_before_work_starts(
+def test_what_cannot_be_done_is_refused_in_one_line_and_changes_nothing(
     here, capsys, line, named, told
 ):
     before = contents(here)
     capsys.readouterr()
-    assert main(line.split()) == 1
+    assert main(shlex.split(line)) == 1
     said = capsys.readouterr().err
     assert said.count('\n') == 1
-    assert f': {named} ' in said and told.replace('{here}', str(here)) in said
+    assert f': {named} '.rstrip() in said and told.replace('{here}', str(here)) in said
     assert contents(here) == before
 
 
