@@ -189,16 +189,32 @@ def test_a_file_that_was_replaced_is_reported_and_left_alone(path, tmp_path):
     assert holds(path) == 2
 
 
-def test_a_file_that_others_overwrite_is_given_up(path, tmp_path):
+@pytest.mark.parametrize(
+    ('harm', 'told'),
+    [
+        (lambda was, _: was[: len(was) // 2], ''),
+        (lambda *_: b'', ''),
+        (lambda was, _: bytes(len(was)), ''),
+        (lambda _, other: other, '.*it is another map'),
+    ],
+    ids=['cut short', 'empty', 'overwritten', 'another map'],
+)
+def test_a_file_that_others_cut_short_or_overwrite_is_given_up(path, tmp_path, harm, told):
     autosave, other = grown(path, 5), tmp_path / 'other.db'
-    save_map(drawn(9), other)
-    path.write_bytes(other.read_bytes())
+    save_map(drawn(400), other)
+    harmed = harm(path.read_bytes(), other.read_bytes())
+    path.write_bytes(harmed)
     grow(autosave.reference_map, 1)
-    for tell in (autosave.flush, autosave.save, autosave.close):
-        with pytest.raises(MapError, match=r'was cut short or overwritten .*it is another map'):
+    for tell in (autosave.flush, autosave.save):
+        with pytest.raises(MapError, match=f'was cut short or overwritten {told}') as caught:
             tell()
+        assert '\n' not in str(caught.value) and 'restore the file' in str(caught.value)
     autosave.save()
-    assert path.read_bytes() == other.read_bytes()
+    with pytest.raises(MapError, match=r'map\.db: '):
+        autosave.reference_map.pictures(range(5))
+    with pytest.raises(MapError, match='was cut short or overwritten'):
+        autosave.close()
+    assert path.read_bytes() == harmed
 
 
 @pytest.fixture

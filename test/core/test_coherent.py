@@ -5,7 +5,7 @@
 import importlib.util
 from pathlib import Path
 
-from convseq_ros.config import EncodingConfig, MatchingConfig
+from convseq_ros.config import MatchingConfig
 from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.entropy import ENTROPY
@@ -39,11 +39,6 @@ def texture(seed, shape=(512, 512)):
     rng = np.random.default_rng(seed)
     coarse = cv2.resize(rng.random((24, 24)).astype(np.float32), shape[::-1])
     return ((coarse + rng.random(shape)) * 120).astype(np.uint8)
-
-
-def score(query, reference):
-    features = extract(describe(query), LEAST_BITS)
-    return coherent_score(features, projected_regions(describe(reference).cells))
 
 
 def oracle(query, entropy, reference):
@@ -95,34 +90,10 @@ def test_score_and_shift_are_those_of_the_definition():
     assert found[0] == pytest.approx(expected[0], abs=1e-3) and found[1] == expected[1]
 
 
-@pytest.mark.parametrize(('rows', 'columns'), [(3, 0), (0, -4), (-2, 5)])
-def test_a_shifted_copy_scores_high_with_exactly_that_shift(rows, columns):
-    wide = texture(2, (700, 700))
-    query = wide[94:606, 94:606]
-    top, left = 94 - 16 * rows, 94 - 16 * columns
-    found, shift = score(query, wide[top : top + 512, left : left + 512])
-    assert found > 0.6 and shift == (rows, columns)
-
-
 def test_regions_are_of_unit_length_and_flat_ones_have_a_place_too():
     cells = np.zeros((32, 32, 8), np.float32)
     assert not joined_regions(cells).any()
     assert np.linalg.norm(projected_regions(cells), axis=1) == pytest.approx(1.0)
-
-
-def test_corridor_scores_are_those_of_the_study(shared_data):
-    def drive(name):
-        for path in sorted((shared_data / 'corridor' / name).glob('*.jpg')):
-            gray = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)
-            yield describe(gray, EncodingConfig(resize='linear'))
-
-    golden = np.load(shared_data / 'coherent' / 'corridor_scores.npy', allow_pickle=False)
-    references = [projected_regions(one.cells) for one in drive('ref')]
-    for index, query in enumerate(drive('query')):
-        if index % 15 == 0:
-            features = extract(query, LEAST_BITS)
-            found = [coherent_score(features, reference)[0] for reference in references]
-            assert np.abs(np.array(found) - golden[index]).max() < 1e-3
 
 
 def test_the_script_reproduces_the_projection(shared_data):
@@ -180,19 +151,6 @@ def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
         # The matcher rounds regions to bytes.
         assert score == pytest.approx(share * (1 + alike) / 2, abs=2e-3)
         assert 0 <= score <= 1
-
-
-def test_subtracting_the_background_lowers_the_scores_of_wrong_places():
-    reference_map = map_of(*(drawn(seed, 0.6) for seed in range(40)))
-    query, found = described(drawn(7, 0.55)), {}
-    for subtracts in (True, False):
-        one = matcher(reference_map, subtract_background=subtracts)
-        scores = one.scores_of([(one.extract(query), np.arange(40))])[0]
-        assert scores.argmax() == 7
-        elsewhere = np.delete(scores, 7)
-        found[subtracts] = (scores[7] - elsewhere.mean()) / elsewhere.std(), elsewhere.mean()
-    assert found[True][0] > 3 * found[False][0]
-    assert found[True][1] < found[False][1] / 3
 
 
 def test_the_global_descriptor_is_the_cosine_transform_of_the_leading_axes():
@@ -274,13 +232,6 @@ def test_neighbouring_cells_are_blended_with_weights_of_a_gaussian():
     assert blended[2, 1] == pytest.approx(100 * middle * side, rel=2e-3)
     assert blended[1, 1] == pytest.approx(100 * side**2, rel=4e-3)
     assert not blended[0].any()
-
-
-def test_noise_without_direction_and_the_strength_of_light_make_no_difference():
-    cells = 1000 * lit(0)
-    noise = np.random.default_rng(1).random((32, 32, 1), np.float32) * 300
-    assert normalized(cells + noise) == pytest.approx(normalized(cells), abs=1e-5)
-    assert normalized(cells * 8) == pytest.approx(normalized(cells), abs=1e-6)
 
 
 @pytest.mark.skipif(not available(), reason='no compiled kernels')

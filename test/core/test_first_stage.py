@@ -3,16 +3,13 @@
 """Any function from an image to a vector is a first stage; maps are of one, with its vectors."""
 
 from dataclasses import replace
-import sqlite3
 
 from convseq_ros.app.map_builder import build_map, link_map
 from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map.edit import write_new
-from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.reader import MapReader, open_map
-from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -131,21 +128,6 @@ def test_places_are_added_with_vectors_to_a_map_that_grows(frames, tmp_path):
     assert len(grown.links) > 0.8 * COUNT
 
 
-def test_a_vector_of_512_numbers_costs_little_more_than_1_kb_a_place(described, tmp_path):
-    # Files have pages of 16 kB, so that it takes many places to see what one takes.
-    vector, sizes = np.full(512, 0.04, np.float16), {}
-    for name, model in (('cells', ''), ('both', '#net')):
-        shown = replace(described(1), vector=vector if model else None)
-        for count in (100, 1000):
-            whole = ReferenceMap(replace(CONFIG.encoding, descriptor_model=model))
-            for index in range(count):
-                whole.add_frame(Frame(10**18 + index, None, f'{index:019}.jpg'), shown)
-            save_map(whole, tmp_path / 'map.db')
-            sizes[name, count] = (tmp_path / 'map.db').stat().st_size
-    a_place = {name: (sizes[name, 1000] - sizes[name, 100]) / 900 for name, _ in sizes}
-    assert a_place['both'] - a_place['cells'] < 1100
-
-
 @pytest.mark.parametrize(
     ('wrong', 'line'),
     [
@@ -196,17 +178,3 @@ def test_a_map_names_its_descriptor_model_unless_it_is_built_in(frames, tmp_path
         build_map(frames(count=3), tmp_path / name, CONFIG, describe=describe)
     assert 'descriptor_model' not in MapReader(tmp_path / 'plain').about()['encoding']
     assert '#small' in MapReader(tmp_path / 'model').about()['encoding']
-
-
-@pytest.mark.parametrize('forged', ['"/etc/net.onnx"', '7'])
-def test_a_forged_model_name_in_a_map_is_refused_as_damage(frames, tmp_path, forged):
-    path = tmp_path / 'map.db'
-    build_map(frames(count=3), path, CONFIG)
-    with sqlite3.connect(path) as database:
-        ((value,),) = database.execute("SELECT value FROM about WHERE name = 'encoding'")
-        value = value.replace('}', f', "descriptor_model": {forged}}}')
-        row = 'encoding', value
-        database.execute("DELETE FROM about WHERE name = 'encoding'")
-        database.execute('INSERT INTO about VALUES (?, ?, ?)', (*row, row_crc(row)))
-    with pytest.raises(MapError, match='damaged map'):
-        open_map(path)

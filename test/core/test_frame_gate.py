@@ -179,23 +179,21 @@ def test_the_same_view_with_noise_is_a_standstill_if_images_decide(settings, fra
 
 
 @pytest.mark.parametrize(
-    ('pose', 'holds'),
-    [(at(0.04), True), (at(0.06), False), (at(0.0, yaw=0.2), True), (at(0.0, yaw=0.4), False)],
+    ('stationary_m', 'seen', 'expected'),
+    [
+        (0.05, [at(0.0), at(0.04)], [False, True]),
+        (0.05, [at(0.0), at(0.06)], [False, False]),
+        (0.05, [at(0.0), at(0.0, yaw=0.2)], [False, True]),
+        (0.05, [at(0.0), at(0.0, yaw=0.4)], [False, False]),
+        # Odometry is compared with the last that moved.
+        (0.05, [at(0.02 * step) for step in range(6)], [False, True, True, False, True, True]),
+        (0.0, [at(0.0), at(9.0)], [False, False]),  # without a distance, images decide
+    ],
 )
-def test_odometry_decides_where_it_is_given(pose, holds):
-    seen = (at(0.0), view()), (pose, view(shift_px=18))
-    assert held(watching(stationary_m=0.05), *seen) == [False, holds]
-
-
-def test_odometry_is_compared_with_the_last_that_moved():
-    seen = [(at(0.02 * step), view()) for step in range(8)]
-    expected = [False, True, True, False, True, True, False, True]
-    assert held(watching(stationary_m=0.05), *seen) == expected
-
-
-def test_without_a_standstill_distance_images_decide_and_odometry_does_not():
-    seen = (at(0.0), view()), (at(9.0), view()), (at(9.0), view(shift_px=18))
-    assert held(watching(stationary_m=0.0), *seen) == [False, True, False]
+def test_odometry_decides_where_it_is_given_and_has_a_distance(stationary_m, seen, expected):
+    shown = zip(seen, map(view, (0, 18, 36, 54, 72, 90)), strict=False)
+    assert held(watching(stationary_m=stationary_m), *shown) == expected
+    assert held(watching(stationary_m=0.0), (seen[0], view()), (at(9.0), view())) == [False, True]
 
 
 FRAME_NS = 33_333_333

@@ -88,18 +88,6 @@ def test_of_the_same_regions_scores_and_shifts_are_equal(side, share, seed, valu
     assert np.array_equal(found[1], expected[1])
 
 
-def test_shifts_are_those_of_the_definition():
-    wide = drawn(7, 40)
-    entropy = wide.cell_entropy[2:34, 5:37]
-    query = Descriptor(wide.cells[2:34, 5:37], np.ones(961, bool), entropy, 0.5)
-    references = [
-        np.ascontiguousarray(wide.cells[row : row + 32, column : column + 32])
-        for row, column in ((2, 5), (4, 0), (0, 8))
-    ]
-    for kernel in (compiled_kernel(), DEFINITION):
-        assert compared(kernel, query, references)[1].tolist() == [[0, 0], [-2, 5], [2, -3]]
-
-
 @pytest.mark.parametrize('side', [3, 4, 5, 14, 15, 31, 32, 128])
 def test_compiled_regions_are_those_of_the_definition(side):
     needs_library()

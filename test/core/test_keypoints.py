@@ -85,14 +85,6 @@ def test_the_strongest_keypoints_are_kept_up_to_the_limit():
     assert np.array_equal(detect(drawn(3), ALL, 300), many)  # the same again
 
 
-def test_nothing_is_detected_where_a_mask_hides_the_image():
-    visible = ALL.copy()
-    visible[2:] = False  # the lower half
-    found = keypoints(drawn(4), visible)
-    assert len(found.shares) > 50 and found.shares[:, 1].max() < 0.52
-    assert keypoints(drawn(4)).shares[:, 1].max() > 0.8
-
-
 def test_a_keypoint_is_stored_in_34_bytes():
     gray = np.full((240, 320), 40, np.uint8)
     gray[96:120, 160:200] = 200  # its corners are at 160 / 320 and 96 / 240, and so on
@@ -387,9 +379,3 @@ def test_a_damaged_thumbnail_is_left_out_of_the_light(walled, monkeypatch):
     thumbnail = walled.thumbnail
     monkeypatch.setattr(walled, 'thumbnail', damaged)
     assert difference(Light(walled, True), frames(1)[0]) < 0.06
-
-
-def test_without_keypoints_the_light_is_not_read(walled, monkeypatch):
-    monkeypatch.delattr(type(walled), 'thumbnail')
-    seen = Light(walled, False)
-    assert difference(seen, frames(1)[0]) == math.inf

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Links between looks of one place: what they say, and that a map's file keeps them."""
+"""Links between looks of one place, what they bring near, and that the file keeps them."""
 
 from dataclasses import replace
 
@@ -9,6 +9,7 @@ from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.cli import main
 from convseq_ros.config import make_config
 from convseq_ros.core.graph.links import chained, Link, LINKS, Links
+from convseq_ros.core.graph.neighbourhood import Neighbourhood
 from convseq_ros.core.graph.session_bounds import SessionBounds
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.session_slice import carry_links
@@ -40,14 +41,6 @@ def test_a_look_inherits_the_anchor_of_the_place_it_shows():
     anchors = [links.anchor(index) for index in (40, 100, 200, 300, 301, 7)]
     assert anchors == [40, 40, 40, 40, 41, 7]
     assert [*links] == [(100, 40), (200, 40), (300, 40), (301, 41)] and len(links) == 4
-
-
-def test_looks_are_places_whose_anchors_lie_within_eight_of_one_another():
-    links = linked((100, 40), (101, 48), (102, 49), (200, 36), (300, 32), (400, 31))
-    # 101 is beside 100, anchors 31 and 49 are nine places from 40.
-    assert links.looks(100) == (*range(32, 49), 200, 300)
-    assert links.looks(40) == (100, 101, 200, 300)
-    assert links.looks(7) == links.looks(150) == ()
 
 
 def test_places_of_another_session_are_never_neighbours():
@@ -227,3 +220,42 @@ def test_merging_links_maps_to_one_another_unless_no_links_is_given(tmp_path, im
     assert opened.is_linked and len(opened.links) > LAP / 2
     assert all(other < LAP <= place and is_right(place, other) for place, other in opened.links)
     assert not open_map(bare).is_linked and not len(open_map(bare).links)
+
+
+def test_places_beside_a_place_and_beside_its_looks_are_near(a_map):
+    whole = a_map(40, 40)
+    whole.links.add(60, 20)
+    near = Neighbourhood(whole)
+    assert near.is_near(63, 60, 3) and not near.is_near(64, 60, 3)
+    # Looks of 60 are 12 to 28: anchors within eight of its own.
+    for place, is_near in ((9, True), (8, False), (31, True), (32, False), (39, False)):
+        assert near.is_near(place, 60, 3) is is_near
+    assert near.is_near(57, 28, 3) and not near.is_near(56, 28, 3)
+    assert not near.is_near(60, 5, 3)
+
+
+def test_places_of_another_session_are_never_near(a_map):
+    near = Neighbourhood(a_map(10, 10))
+    assert near.is_near(9, 8, 4) and not near.is_near(10, 9, 4)
+    assert near.mask(np.arange(20), 10, 4).nonzero()[0].tolist() == [*range(10, 15)]
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(st.integers(1, 30), min_size=1, max_size=4),
+    st.integers(0, 99),
+    st.integers(0, 12),
+    st.integers(0, 119),
+)
+def test_the_mask_of_near_places_agrees_with_the_test_of_each_place(
+    a_map, lengths, seed, distance, index
+):
+    whole, rng = a_map(*lengths), np.random.default_rng(seed)
+    for place in range(1, len(whole)):
+        if rng.random() < 0.4:
+            whole.links.add(place, int(rng.integers(place)))
+    near, index = Neighbourhood(whole), index % len(whole)
+    places = np.flatnonzero(rng.random(len(whole)) < 0.7)
+    said = [near.is_near(one, index, distance) for one in places.tolist()]
+    assert near.mask(places, index, distance).tolist() == said
+    assert near.is_near(index, index, distance)

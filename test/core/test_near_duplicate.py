@@ -151,16 +151,6 @@ def test_glances_select_the_same_keyframes_as_descriptors_of_every_frame(
 
 
 @pytest.mark.once
-@pytest.mark.parametrize('light', ['day', 'night'])
-def test_less_than_half_of_the_frames_between_keyframes_are_encoded_at_1_mps(light):
-    frames = drive(light, 1.0)
-    reasons, encoded = gated(frames, [None] * len(frames))
-    first, *later = keyframes(reasons)[1:]  # the distance is learned from the first on
-    between = len(frames) - first - 1 - len(later)
-    assert sum(index > first for index in encoded) - len(later) < 0.5 * between
-
-
-@pytest.mark.once
 def test_another_light_moves_no_keyframe():
     frames = [*drive('night', 1.0), *drive('day', 4.0)]
     reasons, expected = (gated(frames, [None] * len(frames), shown)[0] for shown in (True, False))

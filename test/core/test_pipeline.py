@@ -1,14 +1,16 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a pipeline says of odometry that no robot can have, and of stamps that go back."""
+"""What a pipeline says of impossible odometry, stamps that go back, and a map that is cut."""
 
 from contextlib import closing
 from dataclasses import replace
+import os
 
 from convseq_ros.app.map_builder import build_map
 from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config import make_config, with_values
 from convseq_ros.core.types import Frame, Pose
+from convseq_ros.errors import MapError
 from pictures import walls
 import pytest
 
@@ -48,3 +50,11 @@ def test_stamps_that_go_back_are_reported(opened):
         pipeline.cameras.process(replace(FRAMES[0], stamp_ns=10**12))
         (line,) = pipeline.cameras.problems
         assert line.startswith('the stamps of images went back by more than a second')
+
+
+def test_a_map_that_is_cut_short_ends_the_drive(opened):
+    with opened() as pipeline:
+        os.truncate(pipeline.path, pipeline.path.stat().st_size // 2)
+        with pytest.raises(MapError, match='damaged map'):
+            for frame in FRAMES:
+                pipeline.cameras.process(frame)

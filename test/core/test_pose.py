@@ -4,7 +4,6 @@
 
 from dataclasses import replace
 import math
-from types import SimpleNamespace
 
 from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import Config, EVERY_FRAME, MatchingConfig, RobotConfig
@@ -13,7 +12,7 @@ from convseq_ros.core.encoding.upright import upright
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.relative_pose import CellView, RelativePoses
+from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.pose.shift import relative_yaw, shift_px
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import inverse, matrix, of_roll_pitch_yaw, pose_of
@@ -92,19 +91,6 @@ def test_the_search_for_regions_starts_at_the_shift_of_the_image(street, made, t
     assert metres < 0.45 and radians < 0.03
 
 
-@pytest.mark.parametrize(('turn_rad', 'across'), [(0.0, 0), (math.atan(0.1), 4)])
-def test_the_search_begins_at_the_median_of_where_regions_went(turn_rad, across):
-    class Begun(CellView):
-        def sight_from(self, _other, _moved, start):
-            return start
-
-    # Cells are 12.5 px wide, so a tenth of the focal length is 4 cells.
-    camera = Camera(400, 300, 500.0, 500.0, 100.0, 200.0)
-    view, moved = Begun(camera, SimpleNamespace(side=30)), np.eye(4)
-    moved[:3, :3] = cv2.Rodrigues(np.array((0.0, turn_rad, 0.0)))[0]
-    assert view.sight(view, moved) == (0, across)
-
-
 def test_distortion_is_taken_out(street, made):
     """An image that is distorted, with its camera's coefficients, is at the same spot."""
     query = street[1][9]
@@ -178,28 +164,6 @@ def test_a_match_that_odometry_denies_is_implausible(street):
         if match.implausible_m is not None:
             assert match.accepted or match.reason is Reason.IMPLAUSIBLE
     assert Reason.IMPLAUSIBLE in reasons[15:] and Reason.IMPLAUSIBLE not in reasons[:15]
-
-
-def test_a_step_that_no_robot_can_make_changes_no_answer(street):
-    config = Config(keyframes=EVERY_FRAME)
-    reference_map = build_map(street[0], None, config)
-
-    def driven(wrong=None):
-        recognizer = PlaceRecognizer(reference_map, config)
-        aside = {wrong: Pose((0.0, 500.0, 0.0), (0.0, 0.0, 0.0, 1.0))}
-        matches = [
-            recognizer.process(replace(frame, pose=aside.get(number, frame.pose)))
-            for number, frame in enumerate(street[1])
-        ]
-        return [(one.reason, one.best.reference_index if one.best else -1) for one in matches]
-
-    expected = driven()
-    accepted = [number for number, (reason, _) in enumerate(expected) if reason is Reason.ACCEPTED]
-    assert len(accepted) > 5
-    found = driven(accepted[2])
-    assert [reason for reason, _ in found] == [reason for reason, _ in expected]
-    off = [abs(one - other) for (_, one), (_, other) in zip(found, expected, strict=True)]
-    assert max(off) <= 1
 
 
 HEIGHT, WIDTH, CELLS = 480, 640, 32

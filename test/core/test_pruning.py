@@ -6,7 +6,6 @@ from unittest.mock import Mock
 
 from convseq_ros.app.map_builder import build_map, MapBuilder
 from convseq_ros.app.pipeline import Pipeline
-from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, make_config
 from convseq_ros.core.map.edit import prune_looks
 from convseq_ros.core.map.online import recognised_place
@@ -198,11 +197,3 @@ def test_build_map_keeps_every_keyframe_unless_asked(path, tmp_path, image):
     left = open_map(path)
     assert ROUND <= len(left) < 2 * ROUND
     assert len(left) == len(builder.reference_map) - builder.removed
-
-
-def test_a_limit_of_looks_needs_links(tmp_path, capsys):
-    arguments = 'build-map', str(tmp_path), str(tmp_path / 'map.db'), '--max-looks', '3'
-    assert main([*arguments, '--no-links']) == 1
-    assert 'leave out --no-links' in capsys.readouterr().err
-    assert main([*arguments[:-1], '1000']) == 1
-    assert 'max_looks: 1000 is outside 0 .. 100' in capsys.readouterr().err

@@ -7,10 +7,8 @@ from dataclasses import replace
 from functools import partial
 
 from convseq_ros.config import EncodingConfig, make_config, with_values
-from convseq_ros.config.retired import RETIRED
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.gate.gate import FrameGate
-from convseq_ros.core.map.online import RECENT
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.scenes import Scenes
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -129,8 +127,3 @@ def test_the_way_back_over_the_same_view_is_a_return(wall):
     for match in found:
         place = round((match.accepted.reference_stamp_ns - SECOND) / SECOND)
         assert abs(place - (2 * len(there) - 1 - match.query_index)) <= 3
-
-
-def test_the_messages_about_retired_exclusions_give_the_number_of_keyframes():
-    for name in ('exclusion_s', 'exclusion_m'):
-        assert f'the drive is {RECENT.keyframes} keyframes past them' in RETIRED[name]

@@ -85,20 +85,6 @@ def test_the_second_and_third_round_are_recognised_and_linked(one_round, with_od
     assert len(in_metres) > 0.5 * len(linked) if with_odometry else not in_metres
 
 
-def test_an_odometry_restart_in_mid_drive_costs_matches_but_makes_none_wrong(one_round):
-    shots, origin, half = [], one_round[ROUND // 2].pose.position, ROUND + ROUND // 2
-    for index, frame in enumerate(rounds(one_round, 2)):
-        pose = frame.pose
-        if index >= half:
-            since = np.subtract(pose.position, origin).tolist()
-            pose = replace(pose, position=tuple(since))
-        shots.append((replace(frame, pose=pose), frame.pose.position))
-    _, found = driven(shots)
-    assert max(off_m for _, off_m in found if off_m is not None) <= RIGHT_M
-    later = [off_m is not None for index, off_m in found if index >= half + 4]
-    assert sum(later) >= 0.9 * len(later) > 15
-
-
 SIZE = {'width_px': 160, 'height_px': 120}
 
 LOCALISED = LocalizationState.LOCALISED

@@ -199,14 +199,6 @@ def test_the_look_most_similar_to_the_frame_is_the_match(described, map_of, driv
     assert accepted(drive(recognizer, [20], start=15, seed=1)) == [50]
 
 
-def test_unreadable_frames_do_not_interrupt_a_drive(street, drive):
-    places = [*range(10, 40)]
-    places[18] = places[19] = None
-    matches = drive(PlaceRecognizer(street, OWN), places)
-    assert [match.status for match in matches[18:20]] == [Status.SKIPPED] * 2
-    assert accepted(matches[22:]) == [*range(32, 40)]
-
-
 @pytest.mark.parametrize('levels', [1, 4], ids=['black', 'noise'])
 def test_under_a_strobe_light_the_lit_frames_are_matches_and_no_dark_one_is(street, drive, levels):
     recognizer, lit, unlit = PlaceRecognizer(street, RESTLESS), [], []

@@ -1,12 +1,70 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where odometry allows the robot to be, worked by hand on drives along x."""
+"""How far odometry says a robot drove, what it cannot say, and where it allows the robot to be."""
+
+import math
 
 from convseq_ros.config import RobotConfig
+from convseq_ros.core.decision.odometer import Odometer
+from convseq_ros.core.decision.odometry_jump import OdometryJumps
 from convseq_ros.core.decision.odometry_prior import OdometryPrior, SLACK
+from convseq_ros.core.rigid import matrix
+from convseq_ros.core.types import ROBOT
 import numpy as np
 from poses import at
 import pytest
+
+
+def test_steps_sum_to_a_distance_and_reverse_steps_are_negative():
+    odometer = Odometer()
+    steps = [odometer.move(matrix(at(x, yaw=yaw))) for x, yaw in ((1, 0), (4, 1), (5, 1), (3, 2))]
+    assert steps == [None, 3, 1, -2]
+    assert (odometer.distance_m, odometer.steps) == (6, 3)
+    assert odometer.turn_rad == pytest.approx(2)
+
+
+def test_the_step_after_a_forgotten_pose_is_unknown_and_the_sums_stay():
+    odometer = Odometer()
+    for x in (0, 2):
+        odometer.move(matrix(at(x)))
+    odometer.forget_pose()
+    assert odometer.move(matrix(at(50, yaw=math.pi))) is None
+    assert (odometer.distance_m, odometer.turn_rad, odometer.steps) == (2, 0, 1)
+    assert odometer.move(matrix(at(51, yaw=math.pi))) == -1
+
+
+def test_a_reset_odometer_has_no_distance_turn_or_steps():
+    odometer = Odometer()
+    for x in (0, 2):
+        odometer.move(matrix(at(x)))
+    odometer.reset()
+    assert odometer.move(matrix(at(9))) is None
+    assert (odometer.distance_m, odometer.turn_rad, odometer.steps) == (0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ('steps', 'expected'),  # seconds and metres, and which are jumps
+    [
+        ([(0, 0), (1, 1), (1, 1), (2, 1 + ROBOT.fastest_mps)], [False] * 4),
+        ([(0, 0), (0.2, 12), (0.4, 0.2), (0.6, 0.4)], [False, True, True, False]),  # and back
+        ([(0, 0), (0.2, 20), (0.4, 40), (0.6, 60)], [False, True, True, True]),  # centimetres
+        ([(1, 0), (1, 0.1)], [False, True]),  # another place at the same time
+    ],
+)
+def test_a_step_that_no_robot_can_make_is_a_jump(steps, expected):
+    observed = OdometryJumps()
+    told = [observed.observe(round(second * 1e9), at(x)) for second, x in steps]
+    assert told == expected and observed.count == sum(expected)
+
+
+def test_frames_without_a_pose_and_a_reset_are_no_jumps():
+    observed = OdometryJumps()
+    assert not observed.observe(0, at(0))
+    assert not observed.observe(100, None)
+    assert observed.observe(200, at(50))
+    observed.reset()
+    assert not observed.observe(300, at(900))
+
 
 NONE = 10**9  # places from here on are of this drive: none
 TENTH = RobotConfig(odometry_way_error=0.1, odometry_turn_error=0.0)
