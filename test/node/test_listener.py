@@ -1,14 +1,19 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages reach callbacks in a thread of their own, whatever the executor does."""
+"""Callbacks are called by a thread of their own, and no message ends the node."""
 
 import threading
 from unittest.mock import Mock
 
 from convseq_ros.node.inputs.following_subscription import FollowingSubscription
 from convseq_ros.node.inputs.listener import ListeningNode
+from convseq_ros.node.running import spin
 import pytest
+import rclpy
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32
+from std_srvs.srv import Trigger
 
 
 @pytest.fixture
@@ -54,3 +59,51 @@ def test_the_thread_ends_with_its_node(client):
     assert any(thread.name == 'listener' for thread in threading.enumerate())
     node.destroy_node()
     assert not any(thread.name == 'listener' for thread in threading.enumerate())
+
+
+SECOND = 1_000_000_000
+
+
+def test_a_clock_below_zero_is_left_out_and_the_next_time_is_used(client, vpr):
+    node = vpr('-p', 'use_sim_time:=true')
+    clock = client.camera(Clock, '/clock')
+    for sec in (-5, 7):
+        message = Clock()
+        message.clock.sec = sec
+        clock.publish(message)
+    client.wait_for(lambda: node.get_clock().now().nanoseconds == 7 * SECOND)
+
+
+@pytest.fixture
+def process_node():
+    """Return a node in the context of the process, as `main` makes one."""
+    rclpy.init()
+    node = Node('node')
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def test_the_error_of_a_callback_is_logged_and_the_next_one_is_served(process_node, monkeypatch):
+    logger = Mock()
+    monkeypatch.setattr(process_node, 'get_logger', lambda: logger)
+    asked = []
+
+    def answer(_request, response):
+        asked.append(response)
+        if len(asked) == 1:
+            raise RuntimeError('nobody foresaw this')
+        response.success = True
+        return response
+
+    process_node.create_service(Trigger, '~/ask', answer)
+    service = process_node.create_client(Trigger, '~/ask')
+    first = service.call_async(Trigger.Request())
+    turns = spin(process_node)
+    while not asked:
+        next(turns)
+    second = service.call_async(Trigger.Request())
+    while not second.done():
+        next(turns)
+    assert second.result().success and not first.done()
+    assert 'nobody foresaw this' in logger.error.call_args.args[0]

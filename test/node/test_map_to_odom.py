@@ -1,14 +1,21 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The transform from the map to odometry, as nodes broadcast it."""
+"""The transform from the map to odometry: broadcast by nodes, and measured by relative poses."""
 
+import math
 import sys
 import types
+from types import SimpleNamespace
 from unittest.mock import Mock
 
+from convseq_ros.config.node_config import NodeConfig
+from convseq_ros.core.rigid import inverse, matrix, pose_of
+from convseq_ros.core.types import Frame, PoseEstimate, RelativePose
 from convseq_ros.node.outputs.map_to_odom import MapToOdom
+from convseq_ros.node.outputs.measured_transform import MeasuredTransform
 from geometry_msgs.msg import TransformStamped
 import numpy as np
+from poses import at
 import pytest
 from std_msgs.msg import Header
 
@@ -62,3 +69,80 @@ def test_odometry_in_the_frame_of_the_map_has_no_transform(transforms):
     made.publish(SECOND, 'map', np.eye(4))
     assert "odometry is in frame 'map'" in made.problem
     assert not topics['~/map_to_odom'].publish.called
+
+
+SECOND = 1_000_000_000
+NOISE = np.diag([0.01] * 3 + [1e-4] * 3)
+OFF = matrix(at(100.0, -20.0, 1.0))  # the frame of odometry in the map
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Return the filter; what it publishes is in `sent`."""
+    transform = MeasuredTransform(Mock(), NodeConfig())
+    sent = []
+    monkeypatch.setattr(transform._output, 'publish', lambda *all_: sent.append(all_))
+    return SimpleNamespace(transform=transform, sent=sent)
+
+
+def measure(made, seconds, true, drifted=None, has_position=True):
+    """Measure where the base is in the map; `drifted` is what odometry says."""
+    goal = pose_of(OFF @ matrix(true))
+    frame = Frame(seconds * SECOND, None, pose=drifted or true)
+    position = (0.0, 0.0, 0.0) if has_position else None
+    relative = RelativePose((0.0, 0.0, 0.0, 1.0), position, None, NOISE, 50)
+    made.transform.update(frame, Mock(relative_pose=relative), PoseEstimate(goal, NOISE))
+
+
+def test_a_measured_transform_moves_with_odometry(made):
+    made.transform.on_odometry(SECOND, 'odom')
+    assert not made.sent and made.transform.values == {}
+    measure(made, 1, at(3.0, 1.0, 0.2), has_position=False)
+    made.transform.on_odometry(2 * SECOND, 'odom')
+    assert not made.sent  # without a position nothing is known
+    measure(made, 2, at(3.0, 1.0, 0.2))
+    made.transform.on_odometry(4 * SECOND, 'odom')
+    ((stamp_ns, frame_id, moved),) = made.sent
+    assert (stamp_ns, frame_id) == (4 * SECOND, 'odom') and np.allclose(moved, OFF)
+    made.transform._output.stamp_ns = stamp_ns
+    values = made.transform.values
+    assert values['map_to_odom_age_s'] == 2.0
+    made.transform.update(Frame(9 * SECOND, None), Mock(relative_pose=None), None)
+    assert made.transform.values['map_to_odom_age_s'] == 7.0  # odometry stopped, images did not
+    assert values['map_to_odom_sigma_m'] == pytest.approx(0.1)
+    assert values['map_to_odom_sigma_rad'] == pytest.approx(0.01)
+
+
+def test_noise_is_averaged_and_drift_is_followed(made):
+    rng = np.random.default_rng(0)
+    errors = []
+    for step in range(1, 60):
+        true = at(step, 0.0, 0.0)
+        drifted = at(1.01 * step, 0.02 * step, 0.0)
+        noisy = at(step + rng.normal(0, 0.1), rng.normal(0, 0.1), rng.normal(0, 0.01))
+        measure(made, step, noisy, drifted)
+        made.transform.on_odometry(step * SECOND, 'odom')
+        base = made.sent[-1][2] @ matrix(drifted)
+        errors.append(np.linalg.norm((inverse(OFF @ matrix(true)) @ base)[:3, 3]))
+    assert np.median(errors[10:]) < 0.1
+
+
+def test_one_wrong_pose_is_passed_over_and_a_moved_robot_is_followed(made):
+    for step in (1, 2, 3):
+        measure(made, step, at(step))
+    measure(made, 4, at(30.0, 5.0), at(4.0))
+    made.transform.on_odometry(4 * SECOND, 'odom')
+    assert np.allclose(made.sent[-1][2], OFF, atol=1e-6)
+    for step in (5, 6, 7):  # it was carried: odometry did not notice
+        measure(made, step, at(step + 30.0), at(step))
+    made.transform.on_odometry(7 * SECOND, 'odom')
+    base = made.sent[-1][2] @ matrix(at(7.0))
+    assert np.allclose(base, OFF @ matrix(at(37.0)), atol=1e-6)
+
+
+def test_a_backward_clock_jump_restarts_the_measured_transform(made):
+    measure(made, 100, at(1.0))
+    measure(made, 5, at(2.0, 9.0, math.pi), at(0.0))
+    made.transform.on_odometry(5 * SECOND, 'odom')
+    base = made.sent[-1][2] @ matrix(at(0.0))
+    assert np.allclose(base, OFF @ matrix(at(2.0, 9.0, math.pi)), atol=1e-6)

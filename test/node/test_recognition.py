@@ -186,27 +186,11 @@ def test_a_map_without_links_is_linked_while_frames_are_answered(
 SECOND = 1_000_000_000
 
 
-@pytest.fixture
-def told(monkeypatch):
-    """Return what is logged, with its level."""
-    lines = []
-
-    class Logger:
-        def info(self, text, **_):
-            lines.append(('info', text))
-
-        def warning(self, text, **_):
-            lines.append(('warning', text))
-
-        error = warning
-
-    monkeypatch.setattr(diagnostics.Node, 'get_logger', lambda _: Logger())
-    return lines
-
-
 def test_drops_are_logged_with_their_cause_and_query_numbers_count_them(
-    monkeypatch, told, client, vpr, street, image, map_path, held
+    monkeypatch, client, vpr, street, image, map_path, held
 ):
+    logger = Mock()
+    monkeypatch.setattr(diagnostics.Node, 'get_logger', lambda _: logger)
     monkeypatch.setattr(progress_log, '_PERIOD_S', 0.05)
     monkeypatch.setattr(progress_log, '_LOG_S', 0.1)
     node = vpr(map_path=map_path, queue_size=2)
@@ -219,24 +203,24 @@ def test_drops_are_logged_with_their_cause_and_query_numbers_count_them(
     # One is held, two wait.
     client.wait_for(lambda: node._worker.dropped == 5)
 
-    def warned():
-        return [text for level, text in told if level == 'warning' and 'dropped' in text]
+    def told(calls, text):
+        return [one.args[0] for one in [*calls.call_args_list] if text in one.args[0]]
 
-    (first, *_) = client.wait_for(warned)
+    (first, *_) = client.wait_for(lambda: told(logger.warning, 'dropped'))
     assert 'frames dropped' in first and 'found the queue full (queue_size)' in first
     held.set()
     client.wait_for(lambda: len(answers) == 3)
     assert [client.values_of(one)['query_index'] for one in answers] == ['0', '6', '7']
     assert [stamp_to_ns(one.header.stamp) // SECOND for one in answers] == [0, 6, 7]
-    client.wait_for(lambda: any(level == 'info' and 'frames came' in text for level, text in told))
+    client.wait_for(lambda: told(logger.info, 'frames came'))
     # An answer is sent before it is counted.
     client.wait_for(lambda: node._counters.processed == 3)
     node.context.try_shutdown()
     start = 'at the end: 8 frames came, 3 processed'
-    (last,) = client.wait_for(lambda: [text for _, text in told if text.startswith(start)])
+    (last,) = client.wait_for(lambda: told(logger.info, start))
     assert '5 dropped since the start' in last
     node._progress.finish(waiting=56)
-    assert told[-1][1].endswith('; 56 still waited')
+    assert told(logger.info, '; 56 still waited')
 
 
 def match(index):

@@ -126,24 +126,6 @@ def test_an_invalid_remap_is_refused_in_one_line(start, word, reason):
     assert line.endswith(reason)
 
 
-def bad_images(image, gray):
-    """Yield images that no decoder can read."""
-    for field, value in (
-        ('encoding', 'mono7'),
-        ('encoding', ''),
-        ('step', 3),
-        ('data', b'short'),
-        ('data', b''),
-        ('height', 0),
-        ('width', 0),
-        ('width', 2**32 - 1),
-        ('height', 2**32 - 1),
-    ):
-        message = image(gray, 0)
-        setattr(message, field, value)
-        yield message
-
-
 def test_corrupt_frames_are_counted_and_good_ones_answered(
     client, start, map_path, street, image, tmp_path
 ):
@@ -153,32 +135,31 @@ def test_corrupt_frames_are_counted_and_good_ones_answered(
     heard = client.listen(Int32, '/vpr_node/match_index')
     diagnostics = client.listen(DiagnosticArray, '/diagnostics')
     camera = client.camera(Image)
-    odd = [
-        *bad_images(image, street[0]),
-        image(np.zeros((120, 160), np.uint8), 0),
-        image(np.full((1, 1), 77, np.uint8), 0),
-    ]
+    unknown = image(street[0], 0)
+    unknown.encoding = 'mono7'
+    blank, tiny = np.zeros((120, 160), np.uint8), np.full((1, 1), 77, np.uint8)
+    odd = [unknown, image(blank, 0), image(tiny, 0)]
     for number, message in enumerate([image(street[3], 0), *odd, image(street[4], 0)]):
         message.header.stamp.sec = number + 1
         camera.publish(message)
-    odd[0].header.stamp.sec = 20
-    camera.publish(serialize_message(odd[0])[:30])  # of which all but the header is missing
+    unknown.header.stamp.sec = 20
+    camera.publish(serialize_message(unknown)[:30])  # of which all but the header is missing
     camera.publish(image(street[5], 60 * SECOND))
-    client.wait_for(lambda: len(heard) == 15)
-    assert [message.data for message in heard] == [3] + [-1] * 11 + [4, -1, 5]
+    client.wait_for(lambda: len(heard) == 7)
+    assert [message.data for message in heard] == [3, -1, -1, -1, 4, -1, 5]
 
     def counts():
         values = {item.key: item.value for item in diagnostics[-1].status[0].values}
-        return values if values['processed'] == '15' else None
+        return values if values['processed'] == '7' else None
 
     values = client.wait_for(counts)
-    assert (values['unreadable'], values['reason_unreadable']) == ('10', '10')
+    assert (values['unreadable'], values['reason_unreadable']) == ('2', '2')
     assert (values['reason_uninformative'], values['failed']) == ('2', '0')
     assert (values['map_path'], values['map_size']) == (str(map_path), '25')
     process.send_signal(signal.SIGTERM)
     assert process.wait(60) == 0
     reasons = [row['reason'] for row in read_results(result_file)]
-    odd_reasons = ['unreadable'] * 9 + ['uninformative'] * 2
+    odd_reasons = ['unreadable', 'uninformative', 'uninformative']
     assert reasons == ['accepted', *odd_reasons, 'accepted', 'unreadable', 'accepted']
     _, errors = process.communicate()
     assert 'mono7' in errors
