@@ -10,7 +10,6 @@ from convseq_ros.evaluation.metrics import (
     average_precision,
     block_intervals,
     highest_wrong,
-    performance_per_compute_unit,
     precision_recall,
     recall_at,
     recall_at_full_precision,
@@ -233,12 +232,6 @@ def test_figures_are_zero_where_no_answer_is_right_though_one_exists():
     assert found['precision_at_100_recall'] is None
 
 
-def test_performance_per_compute_unit_is_that_worked_by_hand():
-    # log10(1 + 9) is 1, log10(91 + 9) is 2.
-    assert performance_per_compute_unit(0.9, 50.0, 50.0) == pytest.approx(0.9)
-    assert performance_per_compute_unit(0.9, 1.0, 91.0) == pytest.approx(1.8)
-
-
 def test_each_method_of_a_set_is_compared_with_the_slowest_of_them():
     times = (0.5, 1.0), (0.8, 91.0), (0.8, None), (None, 2.0)
     summaries = [{'precision_at_100_recall': one, 'encode_ms': ms} for one, ms in times]
@@ -266,13 +259,18 @@ def test_the_threshold_accepts_the_answers_that_beat_all_wrong_ones():
     assert found['own_threshold'] == 0.85 and found['own_threshold_by'] == 'score'
 
 
-def test_without_values_there_is_no_threshold_and_no_figure_is_missing():
-    none = dict.fromkeys(('score', 'margin', 'confidence'), np.full(5, np.nan))
-    found = threshold_figures(verdicts(values=none), [''] * 5)
-    assert len(found) == 4 and set(found.values()) == {None}
-
-
-def test_without_a_wrong_answer_every_answer_is_accepted():
-    found = threshold_figures(verdicts(correct=np.array([0, 1, 1, 1, 1], bool)), [''] * 5)
-    assert found['own_threshold'] is None
-    assert found['own_threshold_recall'] == 1
+@pytest.mark.parametrize(
+    ('changes', 'threshold', 'recall'),
+    [
+        (
+            {'values': dict.fromkeys(('score', 'margin', 'confidence'), np.full(5, np.nan))},
+            None,
+            None,
+        ),
+        ({'correct': np.array([0, 1, 1, 1, 1], bool)}, None, 1),  # every answer is accepted
+    ],
+)
+def test_without_values_or_wrong_answers_there_is_no_threshold(changes, threshold, recall):
+    found = threshold_figures(verdicts(**changes), [''] * 5)
+    assert len(found) == 4 and found['own_threshold'] is threshold
+    assert found['own_threshold_recall'] == recall

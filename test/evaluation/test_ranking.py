@@ -7,8 +7,6 @@ from functools import partial
 
 from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.core.decision.paper.length import choose_length
-from convseq_ros.core.decision.paper.pair_score import PaperSimilarity
 from convseq_ros.core.types import Reason
 from convseq_ros.evaluation.given_scores import PairScores, rank_references, recognize_given
 from convseq_ros.evaluation.methods import Kind, make_method, Method, MethodName, parse_method
@@ -66,27 +64,6 @@ def test_a_part_of_the_map_answers_like_a_map_of_that_part(street, quick):
         assert places == [item.reference_index for item in other.candidates]
         moved = replace(one, candidates=other.candidates)
         assert moved == other
-
-
-def test_scores_are_means_over_the_frames_of_the_window(street, quick):
-    query, reference = street.open().drives(quick.encoding)
-    rows = np.random.default_rng(1).random((24, 24), np.float32)
-    config = overridden(quick, {'fixed_length': 3})
-    _, scores = recognize_given(rows, query, reference.reference_map, config)
-    for frame, place in np.ndindex(24, 24):
-        expected = -np.inf
-        if frame >= 2 and place >= 2:
-            expected = np.mean([rows[frame - far, place - far] for far in range(3)])
-        assert scores[frame, place] == pytest.approx(expected, abs=1e-6)
-
-
-def test_lengths_are_chosen_by_the_frames_of_the_window(street, quick):
-    query, reference = street.open().drives(quick.encoding)
-    rows, similarity = np.eye(24, dtype=np.float32), PaperSimilarity()
-    past = [query.descriptors[index::-1] for index in range(24)]
-    expected = [choose_length(frames, similarity, quick.sequence) or 0 for frames in past]
-    found, _ = recognize_given(rows, query, reference.reference_map, quick)
-    assert [one.sequence_length for one in found] == expected
 
 
 def test_rows_without_any_score_are_passed_over(street, quick):

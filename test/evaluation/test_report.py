@@ -2,9 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of results: what it shows, what it escapes, and how much."""
 
-import sys
-
-from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.plots import new_figure
 from convseq_ros.evaluation.report.page import MOST_PICTURES, Pair, Section, svg, write_page
 from convseq_ros.evaluation.report.results import nearest
@@ -53,13 +50,6 @@ def test_a_figure_is_the_same_each_time():
         return svg(figure)
 
     assert drawn() == drawn() and '<svg' in drawn()
-
-
-def test_a_page_without_jinja2_is_refused_in_one_line(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'jinja2', None)
-    with pytest.raises(ConvseqError, match=r'pages need jinja2: .*pip install'):
-        write_page(tmp_path / 'page.html', 'title', '', [], {})
-    assert not (tmp_path / 'page.html').exists()
 
 
 def test_the_truth_that_is_shown_is_nearest_to_the_answer():
