@@ -3,7 +3,6 @@
 """The package as its users meet it: pip, pip with ROS, colcon, and the six names in Python."""
 
 import ast
-from dataclasses import replace
 from importlib import metadata
 import os
 from pathlib import Path
@@ -16,14 +15,10 @@ import sysconfig
 import xml.etree.ElementTree as xml
 
 import convseq_ros
-from convseq_ros import build_map, Config, Frame, open_map, PlaceRecognizer
-from convseq_ros.config import EncodingConfig
-from convseq_ros.core.similarity.matcher import Features, Matcher
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
 from drives import shots_of
-import numpy as np
 from programs import run
 import pytest
 
@@ -257,49 +252,6 @@ def test_the_robot_block_of_the_readme_works(workspace):
 def test_nothing_of_the_repository_but_the_package_is_installed(wheel):
     tops = {file.parts[0] for file in wheel.files or () if file.suffix == '.py'}
     assert tops <= {'convseq_ros', '..'}  # the second is a launch file in share
-
-
-SECOND = 1_000_000_000
-SMALL = Config(encoding=EncodingConfig(image_size_px=128))
-
-
-def drive(seed: int) -> list[Frame]:
-    """Return frames of places that have nothing in common, with noise by a seed."""
-    places = np.random.default_rng(0).integers(0, 200, (30, 96, 128), np.uint8)
-    noise = np.random.default_rng(seed).integers(0, 30, places.shape, np.uint8)
-    return [Frame(index * SECOND, gray) for index, gray in enumerate(places + noise)]
-
-
-class Correlation(Matcher):
-    """A pair score of one's own: the correlation of all cells."""
-
-    def __init__(self, places):
-        self.kernel, self.places = 'own', places
-
-    def reset(self): ...
-
-    def warm_up(self): ...
-
-    def shift(self, _query, _index):
-        return None
-
-    def extract(self, descriptor):
-        return Features(descriptor.cells)
-
-    def scores_of(self, asked):
-        return [np.array([self.score(one.scored, at) for at in places]) for one, places in asked]
-
-    def score(self, query, index):
-        return max(0.0, np.corrcoef(query.ravel(), self.places.cells(index).ravel())[0, 1])
-
-
-def test_a_pair_score_of_ones_own_reads_the_places_of_a_map_file(tmp_path):
-    build_map(drive(1), tmp_path / 'map.db', SMALL)
-    street = open_map(tmp_path / 'map.db')
-    config = replace(SMALL, acceptance=replace(SMALL.acceptance, acceptance_rule='margin'))
-    recognizer = PlaceRecognizer(street, config, matcher=Correlation(street))
-    last = [recognizer.process(frame) for frame in drive(2)][-1].accepted
-    assert last is not None and last.reference_index == 29
 
 
 def test_the_six_names_are_all_that_is_public():

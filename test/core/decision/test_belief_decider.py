@@ -276,19 +276,6 @@ def test_odometry_that_jumps_resets_or_stops_disturbs_a_few_frames_only(posed, d
     assert set(behind) <= ({0, 1, 2, 3} if stands else {0})
 
 
-@pytest.mark.parametrize(
-    'x_of',
-    [lambda _, x: 100 * x, lambda index, x: x + 12 * (index % 10 == 9)],
-    ids=['centimetres', 'an outlier every tenth frame'],
-)
-def test_odometry_in_a_wrong_unit_or_with_outliers_makes_no_match_wrong(posed, drive, x_of):
-    places = [*range(10, 40)]
-    poses = [at(x_of(index, place)) for index, place in enumerate(places)]
-    recognizer = PlaceRecognizer(posed, RESTLESS)
-    assert accepted(drive(recognizer, places, poses=poses))[2:] == places[2:]
-    assert recognizer.decider.odometry_jumps > 4
-
-
 @pytest.mark.parametrize('own', [False, True])
 def test_a_robot_that_leaves_a_place_of_its_drive_does_not_return_to_it(street, described, own):
     recognizer = PlaceRecognizer(street, TWO)  # two frames are kept
