@@ -172,6 +172,25 @@ def test_an_unknown_launch_argument_is_an_error_that_names_the_most_similar(laun
         launched('ros2 launch convseq_ros vpr.launch.py map_pth:=map.db')
 
 
+def test_a_camera_sets_its_topics_and_other_arguments_override_them(launched):
+    assert dict(launched('camera:=zed odom:=/wheels')['remappings']) == {
+        'image': 'zed/zed_node/rgb/color/rect/image',
+        'camera_info': 'zed/zed_node/rgb/color/rect/camera_info',
+        'odom': '/wheels',
+    }
+    with pytest.raises(ConfigError, match=r"no such camera 'relsense'; did you mean realsense\?"):
+        launched('camera:=relsense')
+
+
+def test_the_papers_method_is_one_argument(launched):
+    def files(method):
+        return [Path(one).name for one in launched(f'method:={method}')['parameters'][1:-1]]
+
+    assert (files('paper'), files('')) == (['paper.yaml'], [])
+    with pytest.raises(ConfigError, match=r"no such method 'papr'; did you mean paper\?"):
+        files('papr')
+
+
 def test_arguments_of_a_launch_file_that_includes_ours_are_its_own(launched):
     node = launched('map_path:=map.db', speed='3')
     assert node['parameters'][1]['map_path'] == 'map.db'

@@ -27,25 +27,6 @@ def launched(monkeypatch):
     return make
 
 
-@pytest.fixture
-def vpr(launched):
-    """Return the names of the included launch file."""
-    return runpy.run_path(str(LAUNCH.with_name('vpr.launch.py')))
-
-
-@pytest.fixture
-def started(vpr):
-    """Return a function that returns how the included file makes the node."""
-
-    def make(**given):
-        names = [*vpr['TOPICS'], *vpr['OTHERS'], *vpr['PARAMETERS']]
-        file = {'params_file': str(LAUNCH.parents[1] / 'config' / 'vpr_node.yaml')}
-        (node,) = vpr['_nodes'](dict.fromkeys(names, '') | file | given, [])
-        return node.kwargs
-
-    return make
-
-
 def test_without_arguments_a_map_is_made_online(launched):
     chosen, graph = launched()
     assert chosen['mode'] == 'online' and chosen['closure_interval_s'] == 2.0
@@ -67,40 +48,14 @@ def test_the_graph_lies_beside_the_map_and_its_parameters_are_arguments(launched
          'use_sim_time': True}
     ]  # fmt: skip
     assert graph['remappings'] == [('odom', '/wheels')] and graph['namespace'] == 'robot1'
+    assert launched(camera='zed')[1]['remappings'] == [('odom', 'zed/zed_node/odom')]
 
 
-def test_rviz_shows_the_corrected_path_in_the_namespace(vpr):
-    text = Path(vpr['_layout']('/robot1')).read_text()
+def test_rviz_shows_the_corrected_path_in_the_namespace(launched):
+    included = runpy.run_path(str(LAUNCH.with_name('vpr.launch.py')))
+    text = Path(included['_layout']('/robot1')).read_text()
     assert '/robot1/vpr_node/markers' in text and '/robot1/pose_graph_node/path' in text
     assert ' /vpr_node/' not in text and ' /pose_graph_node/' not in text
-
-
-def test_a_camera_sets_its_topics_and_other_arguments_override_them(launched, started):
-    _, graph = launched(camera='zed')
-    assert graph['remappings'] == [('odom', 'zed/zed_node/odom')]
-
-    def told(**given):
-        node = started(**given)
-        return dict(node['remappings']), node['parameters'][1]
-
-    topics, _ = told(camera='zed', odom='/wheels')
-    assert topics == {
-        'image': 'zed/zed_node/rgb/color/rect/image',
-        'camera_info': 'zed/zed_node/rgb/color/rect/camera_info',
-        'odom': '/wheels',
-    }
-    assert told() == ({}, {'use_sim_time': False})
-    with pytest.raises(ConfigError, match=r"no such camera 'relsense'; did you mean realsense\?"):
-        started(camera='relsense')
-
-
-def test_the_papers_method_is_one_argument(started):
-    def files(method):
-        return [Path(one).name for one in started(method=method)['parameters'][:-1]][1:]
-
-    assert (files('paper'), files('')) == (['paper.yaml'], [])
-    with pytest.raises(ConfigError, match=r"no such method 'papr'; did you mean paper\?"):
-        files('papr')
 
 
 def test_two_publishers_of_one_transform_are_refused(launched):

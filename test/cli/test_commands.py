@@ -183,14 +183,6 @@ def test_a_full_disk_stops_a_map_with_one_line_and_keeps_committed_places(drive,
         assert f'keeps the places of this run ({len(open_map(path))});' in kept[0]
 
 
-def test_a_full_disk_stops_results_with_one_line_and_keeps_the_rows(drive, map_path, tmp_path):
-    output = tmp_path / 'result.csv'
-    done = limited(['replay', drive, '--map', map_path, '--output', output], 2000)
-    assert done.returncode == 1 and done.stderr.count('\n') == 1, done.stderr
-    assert 'result.csv' in done.stderr
-    assert len(read_results(output)) > 5
-
-
 def _hear_sigint():
     """Undo what a shell does to programs that it starts in the background."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)

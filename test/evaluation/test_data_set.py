@@ -57,6 +57,7 @@ def yaml(**changes):
         (yaml(truth=''), 'says no truth'),
         (yaml(query=''), 'says no query'),
         (yaml(query='{topic: /a}'), 'query: needs the path of its images, or simu'),
+        (yaml(query='{path: query, simulated: {}}'), 'query: needs the path of its images, or si'),
         (yaml(query='query'), 'query is not a list'),
         (yaml(query='{path: query, topic: /a /b}'), "'/a /b' names several cameras"),
         (yaml(truht='{}'), "unknown key 'truht'; did you mean truth"),
