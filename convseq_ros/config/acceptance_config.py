@@ -13,9 +13,9 @@ class AcceptanceConfig(Checked):
     """When the best candidate is published as a match."""
 
     acceptance_rule: str = parameter(
-        'auto', 'How a match is accepted: belief needs a high probability after all frames so '
-        'far, margin needs a higher score than the best rival, always accepts the best candidate, '
-        'as in the paper, auto is belief with coherent matching and margin with the others.',
+        'auto', 'belief needs a high probability after all frames so far, margin a higher score '
+        'than the best rival, always accepts the best candidate, as in the paper, auto is belief '
+        'with coherent matching, else margin.',
         choices=('auto', 'belief', 'margin', 'always'),
     )
     min_confidence: float = parameter(

@@ -44,20 +44,19 @@ class EncodingConfig(Checked):
         low=0.0, high=1.0,
     )
     resize: str = parameter(
-        'exact', 'How images are resized: exact is the same on every processor, linear is what '
-        'the paper used. All places of a map need the same.', choices=('exact', 'linear'),
+        'exact', 'exact is the same on every processor, linear is what the paper used. All '
+        'places of a map need the same.', choices=('exact', 'linear'),
     )
     image_mask: str = parameter(
-        '', 'Picture that is black where images show the robot itself; empty uses the mask of the '
-        'map, if any.', is_path=True,
+        '', 'Picture that is black where images show the robot itself; empty uses that of the '
+        'map.', is_path=True,
     )
     image_rotation_deg: int = parameter(
-        0, 'Counter-clockwise rotation of images, for a camera on its side or upside down (0, 90, '
-        '180 or 270).', unit='deg', low=0, high=270,
+        0, 'Counter-clockwise rotation of images: 0, 90, 180 or 270.', unit='deg', low=0, high=270,
     )
     descriptor_model: str = parameter(
-        '', 'ONNX file of the network whose descriptors select the places to compare; empty for '
-        'the built-in descriptor. All places of a map need the same model.', is_path=True,
+        '', 'ONNX file of the network that selects the places to compare; empty for the built-in '
+        'descriptor. All places of a map need the same.', is_path=True,
     )
 
     def __post_init__(self) -> None:
@@ -72,20 +71,20 @@ class MatchingConfig(Checked):
     """How a pair of images is scored, and which pairs are scored."""
 
     matching: str = parameter(
-        'coherent', 'How two images are compared: coherent counts regions that moved together, '
-        'regional takes the mean similarity of the best matching regions, as in the paper.',
+        'coherent', 'coherent counts regions that moved together, regional takes the mean '
+        'similarity of the best matching regions, as in the paper.',
         choices=('coherent', 'regional'),
     )
     search: str = parameter(
-        'shortlist', 'Which places are compared in full: shortlist takes those that a coarse '
-        'comparison finds likely, exhaustive takes all of them, as in the paper.',
+        'shortlist', 'shortlist compares the places that a coarse comparison finds likely, '
+        'exhaustive all of them, as in the paper.',
         choices=('exhaustive', 'shortlist'),
     )
     subtract_background: bool = True  # coherent: ignore features that all images share
     shortlist_length: int = 40  # places by the drive so far; a quarter more by the newest frame
     both_directions: bool = parameter(
-        False, 'Whether the robot often passes places in reverse order: in reverse gear, or with '
-        'a rear camera on the way back.',
+        False, 'Whether places are often passed in reverse order, as in reverse gear or by a '
+        'rear camera on the way back.',
     )
     threads: int = parameter(
         0, 'Threads that compare images; 0 uses at most two cores.',
@@ -113,12 +112,11 @@ class OnlineConfig(Checked):
     """Whether the map grows while driving, and by how much."""
 
     mode: str = parameter(
-        'preloaded', 'preloaded recognises the places of an existing map, online also adds new '
-        'places to it.', choices=('preloaded', 'online'),
+        'preloaded', 'preloaded recognises places of a map, online also adds new ones.',
+        choices=('preloaded', 'online'),
     )
     max_looks: int = parameter(
-        8, 'Online, at most this many stretches of 16 keyframes of one place are kept; 0 keeps '
-        'all.',
+        8, 'Stretches of 16 keyframes that are kept of one place, online; 0 keeps all.',
         unit='stretches', low=0, high=100,
     )
 
@@ -146,13 +144,12 @@ class KeyframeConfig(Checked):
     )
     thumbnail_width_px: int = 128  # of the previews that a map stores; 0 stores none
     keypoints: int = parameter(
-        300, 'Keypoints that the map keeps of each place, a second witness by day; 0 keeps none, '
-        'and cells decide alone.',
+        300, 'Keypoints that the map keeps of each place, a second witness by day; 0 keeps none.',
         low=0, high=1000,
     )
     keep_images_px: int = parameter(
-        0, 'Longer side of an image that the map keeps of each place, for more exact relative '
-        'poses; 0 keeps none.', unit='px', low=0, high=1280,
+        0, 'Longer side of an image that the map keeps of each place, for better relative poses; '
+        '0 keeps none.', unit='px', low=0, high=1280,
     )
 
     @property

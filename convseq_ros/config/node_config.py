@@ -29,15 +29,15 @@ class NodeConfig(Checked):
         '', 'CSV file that gets a row for every frame; empty for none.', is_path=True,
     )
     image_topics: str = parameter(
-        '', 'Image topics of several cameras, separated by spaces; only the first adds places to '
-        'the map; empty for one camera on the topic `image`.',
+        '', 'Image topics of several cameras, separated by spaces; only the first adds places; '
+        'empty for one camera on `image`.',
     )
     queue_size: int = parameter(
         30, 'Most waiting frames; beyond it the oldest is dropped and counted.',
         unit='frames', low=1, high=10000, dynamic=True,
     )
     max_wait_s: float = parameter(
-        1.0, 'A frame that has waited longer than this is dropped and counted; 0 drops none.',
+        1.0, 'A frame that has waited longer is dropped and counted; 0 drops none.',
         unit='s', low=0.0, high=3600.0, dynamic=True,
     )
     odom_wait_s: float = parameter(
@@ -59,17 +59,15 @@ class NodeConfig(Checked):
         unit='s', low=0.0, high=3600.0, dynamic=True,
     )
     publish_initial_pose: bool = parameter(
-        False, 'Whether a pose is published on `initialpose` each time the robot is localised '
-        'after being lost.', dynamic=True,
+        False, 'Whether a pose goes to `initialpose` each time the robot was lost and is '
+        'localised.', dynamic=True,
     )
     publish_tf: bool = parameter(
-        False, 'Whether map -> odom is broadcast on /tf, and published on ~/map_to_odom, from '
-        'measured relative poses; for a preloaded map with poses, where nothing else publishes '
-        'it.',
+        False, 'Whether map -> odom is on /tf and ~/map_to_odom; for a preloaded map with poses, '
+        'where nothing else publishes it.',
     )
     lifecycle: bool = parameter(
-        False, 'Whether the node waits for ~/change_state (lifecycle_msgs) instead of starting at '
-        'once.',
+        False, 'Whether the node waits for ~/change_state (lifecycle_msgs).',
     )
     diagnostics_period_s: float = parameter(
         1.0, 'Time between two messages on /diagnostics.',

@@ -15,21 +15,21 @@ class PoseGraphConfig(Checked):
 
     map_frame: str = parameter('map', 'TF frame of the corrected poses.', is_frame=True)
     publish_tf: bool = parameter(
-        True, 'Whether the transform from map_frame to the frame of odometry is broadcast on /tf, '
-        'where tf2_msgs is installed; it is always on ~/map_to_odom.',
+        True, 'Whether map -> odom is on /tf, where tf2_msgs is installed; it is always on '
+        '~/map_to_odom.',
     )
     graph_file: str = parameter(
-        '', 'File of the graph, loaded at the start, written by ~/save and at the end; keep it '
-        'beside the map; empty for none.',
+        '', 'File of the graph, loaded at the start, written by ~/save and at the end; empty for '
+        'none.',
         is_path=True,
     )
     tum_file: str = parameter(
-        '', 'File to which ~/save and the end write the corrected keyframes in the format of TUM; '
-        'empty for none.',
+        '', 'File to which ~/save and the end write the keyframes as TUM; empty for '
+        'none.',
         is_path=True,
     )
     g2o_file: str = parameter(
-        '', 'File to which ~/save and the end write the graph in the format g2o; empty for none.',
+        '', 'File to which ~/save and the end write the graph as g2o; empty for none.',
         is_path=True,
     )
     graph_spacing_m: float = parameter(
@@ -45,8 +45,8 @@ class PoseGraphConfig(Checked):
         0.01, 'The same for the heading.', unit='rad', low=1e-6, high=3.0,
     )
     closure_sigma_m: float = parameter(
-        1.5, 'Standard deviation of the distance between both visits of a place, for closures '
-        'whose position is not measured.', unit='m', low=0.001, high=1000.0,
+        1.5, 'Standard deviation of the distance between both visits of a place, where it is not '
+        'measured.', unit='m', low=0.001, high=1000.0,
     )
     closure_sigma_rad: float = parameter(
         0.15, 'The same for the heading, where that is not measured.',

@@ -27,8 +27,8 @@ class ReadingConfig(Checked):
         unit='Mpx', low=0.01, high=1000.0, dynamic=True,
     )
     max_file_mb: float = parameter(
-        256.0, 'Files, and compressed chunks of recordings, that declare more data are refused '
-        'before they are read; text counts 8 times and YAML 1024 times.',
+        256.0, 'Files, and chunks of recordings, that declare more data are refused before they '
+        'are read; text counts 8 times, YAML 1024 times.',
         unit='MB', low=0.001, high=1_000_000.0, dynamic=True,
     )
 

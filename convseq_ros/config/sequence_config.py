@@ -14,8 +14,7 @@ class SequenceConfig(Checked):
     """How many frames are matched together (paper III-A, E, F)."""
 
     fixed_length: int = parameter(
-        0, 'Frames of every sequence; 0 chooses the length for each frame, as in the paper. The '
-        'belief rule weighs frames instead.',
+        0, 'Frames of every sequence; 0 chooses the length for each frame, as in the paper.',
         unit='frames', low=0, high=100, dynamic=True,
     )
     overlap_threshold: float = parameter(
@@ -40,8 +39,8 @@ class SequenceConfig(Checked):
         unit='frames', low=2, high=100, dynamic=True,
     )
     sequence_regions: str = parameter(
-        'own', 'Which salient regions of a sequence are compared: own takes those of each frame, '
-        'as the paper says, newest those of the newest frame, as its authors released it.',
+        'own', 'Salient regions of a sequence: own takes those of each frame, as the paper says, '
+        'newest those of the newest frame, as its authors released it.',
         choices=('own', 'newest'),
     )
 
