@@ -270,17 +270,26 @@ def test_the_difference_of_light_is_that_of_the_logarithms_of_brightness(walled,
 
 def test_the_light_is_that_of_the_last_frames_and_a_reset_forgets_it(walled):
     seen = Light(walled, True)
-    (dark,), (light,) = frames(1, 0.5), frames(1)
-    first = difference(seen, dark)
-    assert first == pytest.approx(math.log(2), abs=0.06)
+    (dim,), (light,) = frames(1, 0.7), frames(1)
+    first = difference(seen, dim)
+    assert first == pytest.approx(-math.log(0.7), abs=0.06)
     assert difference(seen, light) == pytest.approx(first / 2, abs=0.06)
     assert difference(seen, Frame(1, None)) == pytest.approx(first / 2, abs=0.06)
     seen.reset()
     assert difference(seen, light) < 0.06
     for _ in range(100):
         difference(seen, light)
-    fallen = [difference(seen, dark) for _ in range(20)]
-    assert fallen[0] < 0.12 < 0.4 < fallen[9] < fallen[19]  # ten frames, whatever was before
+    fallen = [difference(seen, dim) for _ in range(20)]
+    assert fallen[0] < 0.08 < 0.2 < fallen[9] < fallen[19]  # ten frames, whatever was before
+
+
+def test_where_light_changes_as_from_day_to_night_frames_before_do_not_count(walled):
+    seen = Light(walled, True)
+    (light,), (night,) = frames(1), frames(1, 0.2)
+    for _ in range(100):
+        difference(seen, light)
+    assert difference(seen, night) == pytest.approx(math.log(5), abs=0.2)
+    assert difference(seen, light) < 0.06
 
 
 def test_without_thumbnails_or_images_the_light_is_unknown(walled):

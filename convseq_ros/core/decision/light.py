@@ -52,9 +52,10 @@ class Light:
             new = brightness(frame.gray)
         if new is None:
             return
+        if self._now is None or abs(new - self._now).mean() >= KEYPOINTS.dark:
+            self._now, self._frames = new, 0  # as where a tunnel begins
         memory = min(self._frames + 1, LIGHT.frames)
-        before = new if self._now is None else self._now
-        self._now = before + (new - before) / memory
+        self._now = self._now + (new - self._now) / memory
         if self._frames % LIGHT.frames == 0:
             self._begun.append(len(self._map))
             self._then.append(self._now)
