@@ -20,7 +20,7 @@ import numpy as np
 class LIGHT:
     """How light is told by brightness; engineering."""
 
-    frames: int = 10  # memory of the drive's mean: the last seconds; 5 is as good
+    frames: int = 10  # memory of the drive's mean: the last seconds (docs/NOTES.md)
 
 
 class Light:
