@@ -36,7 +36,8 @@ from convseq_ros.core.decision import (
 )
 from convseq_ros.core.gate.gate import Verdict
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.similarity.matcher import Features, Matcher
+from convseq_ros.core.similarity.matcher import Matcher
+from convseq_ros.core.similarity.scorer import Features
 from convseq_ros.core.types import Descriptor
 from drives import head, options, progress, row
 from known_drives import drawn_ones, Drive, Make, real

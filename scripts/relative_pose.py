@@ -28,7 +28,8 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.rigid import angle, inverse, matrix
-from convseq_ros.core.similarity.matcher import Features, make_matcher, Matcher
+from convseq_ros.core.similarity.matcher import make_matcher, Matcher
+from convseq_ros.core.similarity.scorer import Features
 from convseq_ros.core.types import Candidate, Descriptor, Frame, Pose
 from convseq_ros.simulation.street import Street
 from convseq_ros.sources.camera_info import read_camera_file

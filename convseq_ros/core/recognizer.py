@@ -23,7 +23,8 @@ from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.pose.shift import with_shift_and_yaw
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces, CoarseScores
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
-from convseq_ros.core.similarity.matcher import Features, make_matcher, Matcher
+from convseq_ros.core.similarity.matcher import make_matcher
+from convseq_ros.core.similarity.scorer import Features, Scorer
 from convseq_ros.core.types import (
     Anchor,
     Candidate,
@@ -51,7 +52,7 @@ class PlaceRecognizer:
         The places to recognise; it decides how frames are encoded. In online mode it grows.
     config : Config
         `configure` may replace its `sequence`, `acceptance`, `motion` and `robot`.
-    matcher, coarse : Matcher, AllPlaces, optional
+    matcher, coarse : Scorer, AllPlaces, optional
         They compute pair scores and coarse scores; by default as `config.matching` selects.
     describe : Describe, optional
         The descriptor model of the map, from an image to a vector; none for the built-in one.
@@ -74,7 +75,7 @@ class PlaceRecognizer:
         self,
         reference_map: ReferenceMap,
         config: Config = Config(),
-        matcher: Matcher | None = None,
+        matcher: Scorer | None = None,
         coarse: AllPlaces | None = None,
         describe: Describe | None = None,
         *,
@@ -277,7 +278,7 @@ class PlaceRecognizer:
             stage.reset()
 
 
-def _made_matcher(reference_map: ReferenceMap, config: Config) -> Matcher:
+def _made_matcher(reference_map: ReferenceMap, config: Config) -> Scorer:
     if config.matching.matching == 'regional':
         return PaperMatcher(reference_map)
     return make_matcher(reference_map, config)

@@ -10,8 +10,8 @@ from convseq_ros.config import Config
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.diagonals import sequence_scores
-from convseq_ros.core.similarity.matcher import Features, Matcher
-from convseq_ros.core.types import Descriptor, Indices, Match, Row, Shift
+from convseq_ros.core.similarity.scorer import Features, Scorer
+from convseq_ros.core.types import Descriptor, Indices, Match, Row
 from convseq_ros.evaluation.drive import DescribedDrive
 from convseq_ros.evaluation.query_answers import overridden, Scores
 import numpy as np
@@ -36,8 +36,8 @@ class PairScores:
     place_bytes: float | None = None  # size of a place in a map, without pictures
 
 
-class GivenScores(Matcher):
-    """A matcher that returns given scores, those of the first frame until `advance`."""
+class GivenScores(Scorer):
+    """A scorer that returns given scores, those of the first frame until `advance`."""
 
     def __init__(self, rows: Scores) -> None:
         self.kernel, self._frame = 'given', 0
@@ -47,19 +47,12 @@ class GivenScores(Matcher):
         """Go on to the scores of the next frame."""
         self._frame += 1
 
-    def reset(self) -> None:
-        """Do nothing: rows are addressed by number."""
-
     def extract(self, _descriptor: Descriptor) -> Features | None:
         row = self._rows[self._frame]
         return Features(row) if np.isfinite(row).any() else None
 
     def scores_of(self, requests: Sequence[tuple[Features, Indices]]) -> list[Scores]:
         return [query.scored[indices] for query, indices in requests]
-
-    def shift(self, _query: Features, _index: int) -> Shift | None:
-        """Return None: shifts are not given."""
-        return None
 
 
 def recognize_given(

@@ -25,7 +25,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.sequence.diagonals import diagonal
 from convseq_ros.core.sequence.query_buffer import BUFFER
-from convseq_ros.core.similarity.matcher import Matcher
+from convseq_ros.core.similarity.scorer import Scorer
 from convseq_ros.core.types import Candidate, Candidates, Flags, Frame, Pose, Reason
 import numpy as np
 
@@ -42,7 +42,7 @@ class BeliefDecider(Decider):
     """
 
     def __init__(
-        self, reference_map: ReferenceMap, matcher: Matcher, coarse: AllPlaces, config: Config
+        self, reference_map: ReferenceMap, matcher: Scorer, coarse: AllPlaces, config: Config
     ) -> None:
         matching, robot = config.matching, config.robot
         both, error = matching.both_directions, robot.odometry_way_error

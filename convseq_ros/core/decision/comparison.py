@@ -16,7 +16,7 @@ from convseq_ros.core.decision.likelihood import strength_of
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.neighbourhood import Neighbourhood
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
-from convseq_ros.core.similarity.matcher import Features, Matcher
+from convseq_ros.core.similarity.scorer import Features, Scorer
 from convseq_ros.core.types import constants, Doubles, Indices, Row
 import numpy as np
 
@@ -45,7 +45,7 @@ class Comparer:
     """Compares the frames of one camera's drive with the map."""
 
     def __init__(
-        self, coarse: AllPlaces, matcher: Matcher, near: Neighbourhood, listed: int
+        self, coarse: AllPlaces, matcher: Scorer, near: Neighbourhood, listed: int
     ) -> None:
         self._coarse, self._matcher, self._near = coarse, matcher, near
         self._listed = listed

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from convseq_ros.config import Config
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
-from convseq_ros.core.similarity.matcher import Features
+from convseq_ros.core.similarity.scorer import Features
 from convseq_ros.core.types import Candidate, Candidates, Doubles, Flags, Frame, Reason
 import numpy as np
 

@@ -29,7 +29,7 @@ from convseq_ros.core.decision.likelihood import (
 )
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
-from convseq_ros.core.similarity.matcher import Matcher
+from convseq_ros.core.similarity.scorer import Scorer
 from convseq_ros.core.types import Doubles, Indices
 import numpy as np
 
@@ -50,7 +50,7 @@ class Observation:
 class Observer:
     """Turns what the frames of one camera's drive show into likelihood ratios of places."""
 
-    def __init__(self, matcher: Matcher, near: Neighbourhood, witness: KeypointWitness) -> None:
+    def __init__(self, matcher: Scorer, near: Neighbourhood, witness: KeypointWitness) -> None:
         self._matcher, self._near = matcher, near
         self._witness, self._likelihood = witness, Likelihood()
 

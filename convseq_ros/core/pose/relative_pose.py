@@ -23,7 +23,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.image_pose import ImagePoses, LensView
 from convseq_ros.core.pose.map_motion import MapMotion
 from convseq_ros.core.rigid import inverse, Matrix, matrix
-from convseq_ros.core.similarity.matcher import Features, Matcher
+from convseq_ros.core.similarity.scorer import Features, Scorer
 from convseq_ros.core.types import Camera, Candidate, Doubles, Frame, Pose, RelativePose, Shift
 import numpy as np
 
@@ -70,7 +70,7 @@ class RelativePoses:
     def __init__(
         self,
         reference_map: ReferenceMap,
-        matcher: Matcher,
+        matcher: Scorer,
         reading: ReadingConfig = ReadingConfig(),
     ) -> None:
         self._map, self._matcher = reference_map, matcher

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from convseq_ros.core.graph.session_bounds import SessionBounds
 from convseq_ros.core.sequence.diagonals import ONE_SESSION, sequence_scores, Values
-from convseq_ros.core.similarity.matcher import Features, Matcher
+from convseq_ros.core.similarity.scorer import Features, Scorer
 from convseq_ros.core.types import constants, Descriptor, Indices, Row
 import numpy as np
 
@@ -34,7 +34,7 @@ class QueryBuffer:
 
     def __init__(
         self,
-        matcher: Matcher,
+        matcher: Scorer,
         bounds: SessionBounds = ONE_SESSION,
         frames: Iterable[BufferedFrame] = (),
     ) -> None:

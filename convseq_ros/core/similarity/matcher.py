@@ -3,9 +3,7 @@
 """The matcher: pair scores of queries with the references of a map (paper III-D)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
@@ -15,6 +13,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.feature_cache import FeatureCache
 from convseq_ros.core.similarity.kernels import coherent_kernel
+from convseq_ros.core.similarity.scorer import Features, Scorer
 from convseq_ros.core.similarity.threads import Threads, usable_cores
 from convseq_ros.core.types import Descriptor, Indices, Row, Shift
 import numpy as np
@@ -26,16 +25,7 @@ _ROUGH = 8  # multiple of this number for rough features; 30 MB
 _KEPT_TO_VERIFY = 64  # references whose regions are cached for the geometry; 2 MB
 
 
-@dataclass(frozen=True, slots=True)
-class Features:
-    """The features of a query."""
-
-    scored: Any  # for pair scores
-    packed: PackedRegions | None = None  # for the geometry
-    rough: Any = None  # for rough scores
-
-
-class Matcher:
+class Matcher(Scorer):
     """
     Scores queries against the references of a map, which may grow.
 
@@ -67,7 +57,6 @@ class Matcher:
         self._background.reset()
 
     def extract(self, descriptor: Descriptor) -> Features | None:
-        """Return the features of a query, or None if it is uninformative."""
         self._follow_map()
         pair = self._features.pair
         projected = pair.project(self._background.normalize(descriptor.cells))
@@ -78,43 +67,32 @@ class Matcher:
         return Features(scored, packed_regions(regions[0]), pair.rough.extract(*given))
 
     def packed(self, index: int) -> PackedRegions | None:
-        """Return a reference's regions for the geometry; None if uninformative or without any."""
         return self._kept_packed(index)
 
     def scores_of(self, requests: Sequence[tuple[Features, Indices]]) -> list[Row]:
-        """
-        Return the pair scores of each query with its references, (n,), in [0, 1].
-
-        The score of an uninformative reference is NaN. All references are read together.
-        """
         return self._features.scores_of([(query.scored, indices) for query, indices in requests])
 
     def rough_scores(self, query: Features, indices: Indices) -> Row | None:
-        """Return rough scores (n,), 16 times faster; None if the query has none."""
         if query.rough is None:
             return None
         return self._rough.scores_of([(query.rough, indices)])[0]
 
     def shift(self, query: Features, index: int) -> Shift | None:
-        """Return the shift from a query to a reference, rows and columns in cells, or None."""
         return self._features.shifts(query.scored, [index])[0]
 
     def field(self, query: Features, index: int, shift: Shift) -> npt.NDArray[np.float64]:
-        """Return the displacements of a query's regions, (n, 5), as `verification.field` does."""
         reference = self.packed(index)
         if query.packed is None or reference is None:
             return np.zeros((0, 5))
         return field(query.packed, reference, shift)
 
     def motion(self, query: Features, index: int) -> npt.NDArray[np.float64] | None:
-        """Return the motion (2, 3) from a query to a reference; None without regions."""
         shift, reference = self.shift(query, index), self.packed(index)
         if query.packed is None or reference is None or shift is None:
             return None
         return motion(query.packed, reference, shift)
 
     def verified(self, query: Features, indices: Sequence[int]) -> dict[int, Verification]:
-        """Return the verification of a query with references, by index; empty without regions."""
         if query.packed is None:
             return {}
         shifts = self._features.shifts(query.scored, indices)
@@ -127,7 +105,6 @@ class Matcher:
         return results
 
     def warm_up(self) -> None:
-        """Make the features of all references, if all are kept, so that no frame is late."""
         self._follow_map()
         if self._keeps_all:
             self._features.of(range(len(self._map)))

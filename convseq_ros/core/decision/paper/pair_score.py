@@ -10,8 +10,8 @@ from functools import lru_cache
 from convseq_ros.core.encoding.regions import Cells, joined_regions, Regions
 from convseq_ros.core.map.place import unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.similarity.matcher import Features, Matcher
-from convseq_ros.core.types import Descriptor, Floats, Indices, Row, Shift
+from convseq_ros.core.similarity.scorer import Features, Scorer
+from convseq_ros.core.types import Descriptor, Floats, Indices, Row
 import numpy as np
 
 _SPAN = 2  # cells in a row of a region (III-C)
@@ -57,7 +57,7 @@ class _Image:
     regions: Regions
 
 
-class PaperMatcher(Matcher):
+class PaperMatcher(Scorer):
     """
     Scores queries against the references of a map; keeps their regions, 123 kB each.
 
@@ -80,10 +80,7 @@ class PaperMatcher(Matcher):
 
         self._similarities = similarities
 
-    def reset(self) -> None: ...
-
     def extract(self, descriptor: Descriptor) -> Features | None:
-        """Return a query's image and its salient regions, or None if it is uninformative."""
         if not descriptor.informative:
             return None
         image = next((one for one in self._images if one.cells is descriptor.cells), None)
@@ -93,7 +90,6 @@ class PaperMatcher(Matcher):
         return Features((image, descriptor.salient))
 
     def scores_of(self, requests: Sequence[tuple[Features, Indices]]) -> list[Row]:
-        """Return the pair scores of each query with its references, (n,); NaN for blank ones."""
         self._keep(index for _, indices in requests for index in indices.tolist())
         rows = [np.full(len(indices), np.nan, np.float32) for _, indices in requests]
         for row, (query, indices) in zip(rows, requests, strict=True):
@@ -111,13 +107,5 @@ class PaperMatcher(Matcher):
                 cells = unpack_cells(packed)
                 self._kept[index] = paper_regions(cells) if cells.any() else None
 
-    def shift(self, _query: Features, _index: int) -> Shift | None:
-        """Return None: the score gives no shift."""
-        return None
-
-    def packed(self, _index: int) -> None:
-        """Return None: there are no regions for the geometry."""
-
     def warm_up(self) -> None:
-        """Make the regions of all references, so that no frame is late."""
         self._keep(range(len(self._map)))
