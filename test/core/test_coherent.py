@@ -153,6 +153,19 @@ def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
         assert 0 <= score <= 1
 
 
+def test_subtracting_the_background_lowers_the_scores_of_wrong_places():
+    reference_map = map_of(*(drawn(seed, 0.6) for seed in range(40)))
+    query, found = described(drawn(7, 0.55)), {}
+    for subtracts in (True, False):
+        one = matcher(reference_map, subtract_background=subtracts)
+        scores = one.scores_of([(one.extract(query), np.arange(40))])[0]
+        assert scores.argmax() == 7
+        elsewhere = np.delete(scores, 7)
+        found[subtracts] = (scores[7] - elsewhere.mean()) / elsewhere.std(), elsewhere.mean()
+    assert found[True][0] > 3 * found[False][0]
+    assert found[True][1] < found[False][1] / 3
+
+
 def test_the_global_descriptor_is_the_cosine_transform_of_the_leading_axes():
     cells = describe(texture(0)).cells
     image = projected_regions(cells).reshape(30, 30, 32)

@@ -74,7 +74,8 @@ def far(index):
 LAST = 'WHERE reference_index = 19'
 OF_ENCODING = "name = 'encoding'"
 MASKED = '{"image_size_px": 64, "resize": "exact", "image_mask": %s, "image_rotation_deg": 0}'
-MASKS = '"#0000"', '"#ff"', '"#zz"', '"/etc/hostname"', '7', '"", "descriptor_model": 7'
+MASKS = '"#0000"', '"#ff"', '"#zz"', '"/etc/hostname"', '7'
+MODELS = '"", "descriptor_model": "/etc/net.onnx"', '"", "descriptor_model": 7'
 DAMAGE = [  # SQL, or the value of a row whose checksum suits it; and what is said of it
     ('CREATE TRIGGER own AFTER INSERT ON places BEGIN DELETE FROM places; END', ''),
     (f'CREATE VIEW own AS {ENDLESS} * FROM c', ''),
@@ -85,7 +86,7 @@ DAMAGE = [  # SQL, or the value of a row whose checksum suits it; and what is sa
     *((pooled(one), 'reference 7 has NaN or infinity') for one in (np.nan, np.inf, -np.inf)),
     (('about', 'value', '[' * 100_000, OF_ENCODING), ''),
     (('about', 'value', '7', OF_ENCODING), ''),
-    *((('about', 'value', MASKED % mask, OF_ENCODING), '') for mask in MASKS),
+    *((('about', 'value', MASKED % mask, OF_ENCODING), '') for mask in MASKS + MODELS),
     (('about', 'value', 'x' * 101, "name = 'map_id'"), ''),
     (('about', 'value', b'1.0.0', "name = 'tool'"), ''),
     (('about', 'name', b'tool', 'length(name) = 4'), ''),
