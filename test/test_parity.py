@@ -15,19 +15,24 @@ pytest.importorskip('rosbags')
 pytest.importorskip('mcap')
 
 from convseq_ros.app.cameras import Cameras
+from convseq_ros.app.map_builder import build_map
 from convseq_ros.app.result_row import COLUMNS, row
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Frame
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.io.results import read_results, ResultWriter
+from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources import open_source
 import cv2
+from descriptor_models import made
 import numpy as np
 import recordings
 
@@ -95,9 +100,11 @@ def configured(encoding):
 
 def answers_of_the_core(recording, map_path, encoding, path, topics):
     config = configured(encoding)
+    model = open_model(config)
+    config = with_first_stage(config, model)
     source = open_source(recording, reading=config.reading)
     given = open_map(map_path, config.encoding), config
-    recognizer = PlaceRecognizer(*given)
+    recognizer = PlaceRecognizer(*given, describe=model)
     if topics:
         recognizer = Cameras(*given, topics)
     with ResultWriter(path, COLUMNS) as writer:
@@ -113,7 +120,7 @@ def answers_of_the_node(recording, map_path, encoding, path, topics):
     parameters = {
         'map_path': map_path, 'result_file': path, 'queue_size': 1000, 'max_wait_s': 0.0,
         'image_mask': encoding.image_mask, 'image_rotation_deg': encoding.image_rotation_deg,
-        'image_topics': ' '.join(topics),
+        'descriptor_model': encoding.descriptor_model, 'image_topics': ' '.join(topics),
     }  # fmt: skip
     given = [
         word
@@ -169,6 +176,21 @@ def test_the_live_node_answers_as_the_core(recording, map_path, encoding, tmp_pa
     assert {'accepted', 'uninformative', 'unreadable', 'out_of_order', 'weak'} <= reasons
     assert len({row['sequence_length'] for row in offline}) > 3
     assert {row['localization'] for row in offline} >= {'candidate', 'localised'}
+
+
+@pytest.mark.once
+def test_a_live_node_with_a_model_answers_as_the_core(recording, drive, encoding, tmp_path):
+    made(tmp_path / 'net.onnx', 'random')
+    encoding = replace(encoding, descriptor_model=str(tmp_path / 'net.onnx'))
+    config = replace(configured(encoding), keyframes=EVERY_FRAME)
+    frames = [
+        Frame((index + 1) * STEP_NS, cv2.GaussianBlur(gray, (3, 3), 0))
+        for index, gray in enumerate(drive)
+    ]
+    build_map(frames, tmp_path / 'wall.db', config, describe=open_model(config))
+    given = recording, tmp_path / 'wall.db', encoding
+    offline = same_answers(tmp_path, *given)
+    assert sum(row['reason'] == 'accepted' for row in offline) > NUM_FRAMES / 4
 
 
 @pytest.mark.once
