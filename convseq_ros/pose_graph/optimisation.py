@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The robust solution of a pose graph, by GTSAM: wrong loop closures are ignored."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from convseq_ros.core.rigid import Matrix
-from convseq_ros.core.types import constants, Doubles
+from convseq_ros.core.types import constants, Doubles, Flags
 from convseq_ros.errors import ConvseqError, pip_install
 from convseq_ros.pose_graph.edges import Edge, Poses
 import numpy as np
@@ -63,7 +63,8 @@ def optimise(
     """
     gtsam = need_gtsam()
     values = values_of(start)
-    trusted = priors(start, held or {min(start): ROBUST.held})
+    held = held or {min(start): ROBUST.held}
+    trusted = priors(start, held)
     usable = [edge for edge in edges if edge.start in start and edge.end in start]
     for edge in usable:
         if not edge.is_link:
@@ -71,8 +72,9 @@ def optimise(
     links = [edge for edge in usable if edge.is_link]
     factors = [factor_of(edge) for edge in links]
     squares = squares_of(factors, values)
-    mu, cost = _first_control(squares), np.inf
-    weights = _weights(squares, mu)
+    is_near = _within_reach(links, [edge for edge in usable if not edge.is_link], start, held)
+    mu, cost = _first_control(squares[is_near]), np.inf
+    weights = _weights(squares, mu) * is_near
     for _ in range(ROBUST.most_steps):
         graph = gtsam.NonlinearFactorGraph(trusted)
         for edge, factor, weight in zip(links, factors, weights, strict=True):
@@ -88,7 +90,7 @@ def optimise(
         if is_decided and before - cost <= ROBUST.settled * (cost + 1):
             break
         mu *= ROBUST.growth
-        weights = _weights(squares, mu)
+        weights = _weights(squares, mu) * is_near
     kept = tuple(bool(weight > 0.5) for weight in weights)
     return Solution(values, kept, tuple(np.sqrt(squares).tolist()))
 
@@ -123,6 +125,25 @@ def factor_of(edge: Edge, weight: float = 1.0) -> Any:
 def squares_of(factors: Iterable[Any], values: Any) -> Doubles:
     """Return the squared errors (n,) of factors, in variances."""
     return np.array([2 * factor.error(values) for factor in factors])
+
+
+def _within_reach(
+    links: Sequence[Edge], steps: Sequence[Edge], start: Poses, held: Mapping[int, float]
+) -> Flags:
+    """
+    Return which links (n,) are no further off than all odometry together may err.
+
+    One that is would keep graduated non-convexity from ever coming to a decision on the others.
+    """
+    extent_m2 = float((np.ptp([pose[:3, 3] for pose in start.values()], axis=0) ** 2).sum())
+    loose = 3 * sum(sigma**2 for sigma in held.values())  # square metres, and square radians
+    turns_rad2 = loose + sum(float(np.trace(step.covariance[3:, 3:])) for step in steps)
+    known_m2 = loose + sum(float(np.trace(step.covariance[:3, :3])) for step in steps)
+    known_m2 += min(turns_rad2, np.pi**2) * extent_m2
+    gaps = [(start[one.start] @ one.moved - start[one.end])[:3, 3] for one in links]
+    mays = [known_m2 + float(np.trace(one.covariance[:3, :3])) for one in links]
+    off_m2 = np.square(np.reshape(gaps, (-1, 3))).sum(axis=1)
+    return np.asarray(off_m2 <= ROBUST.inlier * np.array(mays))
 
 
 def _first_control(squares: Doubles) -> float:

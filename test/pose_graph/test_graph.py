@@ -102,6 +102,14 @@ def test_a_kept_closure_is_refused_when_later_ones_contradict_it():
     assert graph.known[near.key].kept is False
 
 
+@pytest.mark.parametrize('far_m', [1e5, 1e8])
+def test_a_closure_beyond_all_that_odometry_may_err_spoils_no_right_one(far_m):
+    graph = driven(DRIFTED)
+    kept = solve(graph, RIGHT[0], closure(LAP + 3, 3, pose(far_m)), *RIGHT[1:5])
+    assert kept == [True, False, True, True, True, True]
+    assert all(solve(graph, *RIGHT[5:]))
+
+
 def test_the_correction_moves_the_newest_odometry_to_the_end_of_the_path():
     graph = driven(DRIFTED)
     assert np.allclose(graph.correction, np.eye(4))
