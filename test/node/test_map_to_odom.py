@@ -11,6 +11,7 @@ from unittest.mock import Mock
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.rigid import inverse, matrix, pose_of
 from convseq_ros.core.types import Frame, PoseEstimate, RelativePose
+from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.outputs.map_to_odom import MapToOdom
 from convseq_ros.node.outputs.measured_transform import MeasuredTransform
 from geometry_msgs.msg import TransformStamped
@@ -43,6 +44,28 @@ def test_the_transform_is_broadcast_at_most_20_times_a_second(transforms):
     assert topics['/tf'].publish.call_count == topics['~/map_to_odom'].publish.call_count == 4
     (one,) = topics['/tf'].publish.call_args.args[0].transforms
     assert (one.header.frame_id, one.child_frame_id) == ('map', 'odom')
+
+
+def test_on_tf_the_transform_is_dated_ahead_and_still_known_as_our_own(transforms):
+    _, topics, made = transforms
+    made.publish(SECOND, 'odom', np.eye(4))
+    (ahead,) = topics['/tf'].publish.call_args.args[0].transforms
+    assert stamp_to_ns(ahead.header.stamp) == SECOND + SECOND // 10
+    assert stamp_to_ns(topics['~/map_to_odom'].publish.call_args.args[0].header.stamp) == SECOND
+    made._on_tf(topics['/tf'].publish.call_args.args[0])
+    assert not made.problem
+
+
+def test_frames_with_the_slash_of_ros_1_are_compared_and_sent_without(transforms):
+    _, topics, made = transforms
+    made.publish(SECOND, '/odom', np.eye(4))
+    (one,) = topics['/tf'].publish.call_args.args[0].transforms
+    assert one.child_frame_id == 'odom'
+    theirs = TransformStamped(header=Header(frame_id='map'), child_frame_id='/odom')
+    made._on_tf(types.SimpleNamespace(transforms=[theirs]))
+    assert 'is on /tf already' in made.problem
+    made.publish(2 * SECOND, '/map', np.eye(4))
+    assert topics['~/map_to_odom'].publish.call_count == 1
 
 
 def test_a_second_publisher_of_the_transform_ends_the_broadcast_with_one_error(transforms):

@@ -14,6 +14,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
 
 _PERIOD_NS = 50_000_000  # at most 20 Hz
+_AHEAD_NS = 100_000_000  # on TF, as nav2's transform_tolerance: until the next one comes, it holds
 _REMEMBERED = 200  # stamps of our own transforms, as they come back on /tf
 _DEPTH = 100
 
@@ -26,7 +27,7 @@ class MapToOdom:
     """
 
     def __init__(self, node: Node, map_frame: str, is_broadcast: bool) -> None:
-        self._node, self._map_frame = node, map_frame
+        self._node, self._map_frame = node, map_frame.lstrip('/')
         self._topic = advertise(node, TransformStamped, '~/map_to_odom')
         self._sent: deque[int] = deque(maxlen=_REMEMBERED)
         self._tf: Any = None
@@ -50,6 +51,7 @@ class MapToOdom:
         """Publish the pose (4, 4) of the frame of odometry in the map, at a time of odometry."""
         if 0 <= stamp_ns - self.stamp_ns < _PERIOD_NS:
             return
+        odom_frame = odom_frame.lstrip('/')  # of ROS 1; TF 2 has none
         if not odom_frame or odom_frame == self._map_frame:
             self._stop(f'odometry is in frame {odom_frame!r}: set another one, such as odom')
             return
@@ -57,13 +59,15 @@ class MapToOdom:
         message = transform_message(stamp_ns, self._map_frame, odom_frame, pose)
         self._topic.publish(message)
         if self._tf and not self.problem:
-            self._sent.append(stamp_ns)
-            self._tf.publish(self._kind(transforms=[message]))
+            ahead_ns = stamp_ns + _AHEAD_NS
+            self._sent.append(ahead_ns)
+            ahead = transform_message(ahead_ns, self._map_frame, odom_frame, pose)
+            self._tf.publish(self._kind(transforms=[ahead]))
 
     def _on_tf(self, message: Any) -> None:
         for one in message.transforms:
             # Only one parent is allowed, whatever its name is.
-            if one.child_frame_id == self.odom_frame and self.odom_frame:
+            if one.child_frame_id.lstrip('/') == self.odom_frame and self.odom_frame:
                 if stamp_to_ns(one.header.stamp) not in self._sent:
                     self._stop(
                         f'{one.header.frame_id} -> {self.odom_frame} is on /tf already; end its '
