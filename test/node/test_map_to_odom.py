@@ -132,8 +132,25 @@ def test_a_measured_transform_moves_with_odometry(made):
     assert values['map_to_odom_age_s'] == 2.0
     made.transform.update(Frame(9 * SECOND, None), Mock(relative_pose=None), None)
     assert made.transform.values['map_to_odom_age_s'] == 7.0  # odometry stopped, images did not
-    assert values['map_to_odom_sigma_m'] == pytest.approx(0.1)
-    assert values['map_to_odom_sigma_rad'] == pytest.approx(0.01)
+
+
+def test_the_sigma_of_map_to_odom_is_of_now(made):
+    def sigmas():
+        values = made.transform.values
+        return values['map_to_odom_sigma_m'], values['map_to_odom_sigma_rad']
+
+    measure(made, 1, at(0.0))
+    config = NodeConfig()
+    metres, radians = config.position_sigma_m, config.heading_sigma_rad
+    assert sigmas() == pytest.approx((math.hypot(0.1, metres), math.hypot(0.01, radians)))
+    for seconds, x in ((2, 10.0), (3, 20.0)):  # nothing is recognised: odometry drifts
+        frame = Frame(seconds * SECOND, None, pose=at(x))
+        made.transform.update(frame, Mock(relative_pose=None), None)
+    assert sigmas()[0] == pytest.approx(math.hypot(0.1, metres, 20 * 0.05))
+    measure(made, 4, at(60.0), at(20.0))  # carried, or a false place
+    assert sigmas()[0] > 40
+    made.transform.update(Frame(SECOND // 2, None), Mock(relative_pose=None), None)
+    assert sigmas() == (math.inf, math.inf)
 
 
 def test_noise_is_averaged_and_drift_is_followed(made):

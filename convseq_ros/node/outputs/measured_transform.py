@@ -37,12 +37,16 @@ class MeasuredTransform:
         self._lock = Lock()
         self._moved: Matrix | None = None  # (4, 4), pose of the frame of odometry in the map
         self._covariance = np.zeros((6, 6))  # of the base, in its axes; x, y, z, turns
-        self._last = np.eye(4)  # base in odometry, at the last measurement
+        self._of_map = np.square([config.position_sigma_m] * 3 + [config.heading_sigma_rad] * 3)
+        self._last = self._newest = np.eye(4)  # base in odometry, at the last measurement, and now
+        self._off = np.zeros(6)  # of the newest measurement, if it was outside
         self._measured_ns, self._newest_ns, self._outside = 0, 0, 0
 
     def update(self, frame: Frame, match: Match, estimate: PoseEstimate | None) -> None:
         """Take in a frame, and its match if its pose was measured in metres, by odometry."""
         self._newest_ns = frame.stamp_ns
+        if frame.pose:
+            self._newest = matrix(frame.pose)
         relative, pose = match.relative_pose, frame.pose
         if estimate is None or relative is None or relative.pose is None or pose is None:
             return
@@ -55,21 +59,24 @@ class MeasuredTransform:
             if self._moved is None or is_back or self._outside >= DRIFT.most_outside:
                 self._set(goal, base, noise)
                 return
-            distance_m = math.dist(base[:3, 3], self._last[:3, 3])
-            sigmas = distance_m * np.repeat((DRIFT.of_distance, DRIFT.rad_per_m), 3)
-            before = self._covariance + np.diag(sigmas**2)
+            before = self._covariance + self._drift(base)
             expected = self._moved @ base
             off = _difference(expected, goal)
             total = before + noise
             if off @ np.linalg.solve(total, off) > DRIFT.gate:
-                self._outside += 1
+                self._outside, self._off = self._outside + 1, off
                 return
             gain = before @ np.linalg.inv(total)
             self._set(expected @ _motion(gain @ off), base, before - gain @ before)
 
     def _set(self, goal: Matrix, base: Matrix, covariance: Matrix) -> None:
         self._moved, self._last = goal @ inverse(base), base
-        self._covariance, self._outside = covariance, 0
+        self._covariance, self._outside, self._off = covariance, 0, np.zeros(6)
+
+    def _drift(self, base: Matrix) -> Matrix:
+        """Return the covariance (6, 6) of odometry since the last measurement."""
+        distance_m = math.dist(base[:3, 3], self._last[:3, 3])
+        return np.diag((distance_m * np.repeat((DRIFT.of_distance, DRIFT.rad_per_m), 3)) ** 2)
 
     def on_odometry(self, stamp_ns: int, frame_id: str) -> None:
         """Broadcast the transform at the stamp of a pose of odometry, if it is known."""
@@ -85,14 +92,22 @@ class MeasuredTransform:
 
     @property
     def values(self) -> dict[str, float]:
-        """Its age in seconds and its standard deviations, for diagnostics."""
+        """
+        Its age in seconds and its standard deviations now, for diagnostics.
+
+        They are of the measurement, what was driven since, the map's poses, and of what a newer
+        measurement contradicts; infinite once time went back.
+        """
         if self._moved is None:
             return {}
         with self._lock:
+            now = self._covariance + self._drift(self._newest)
+            variances = now.diagonal() + self._of_map + self._off**2
             metres, radians = (
-                math.sqrt(float(self._covariance.diagonal()[part].max()))
-                for part in (slice(0, 3), slice(3, 6))
+                math.sqrt(float(variances[part].max())) for part in (slice(0, 3), slice(3, 6))
             )
+            if self._newest_ns < self._measured_ns:
+                metres = radians = math.inf
             newest_ns = max(self._output.stamp_ns, self._newest_ns)
             age_s = max(0.0, (newest_ns - self._measured_ns) / 1e9)
         return {
