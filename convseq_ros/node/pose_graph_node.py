@@ -42,6 +42,7 @@ _DEPTH = 1000
 _CLOSURES = 'vpr_node/closure_odometry'
 _WAIT_S = 2.0  # at the end, for a solution that is being computed
 _PERIOD_S = 1.0  # of diagnostics, and of the path
+_MOST_POSES = 5000  # of the path
 
 
 class PoseGraphNode(ListeningNode):
@@ -245,7 +246,7 @@ class PoseGraphNode(ListeningNode):
         with self._lock:
             values = self._graph.counts
             is_shown = self._path.get_subscription_count() and values['keyframes']
-            corrected = self._graph.trajectory() if is_shown else []
+            corrected = self._graph.trajectory(_MOST_POSES) if is_shown else []
         if corrected:
             self._path.publish(path_message(_posed(corrected), self._config.map_frame))
         level, text = self._state(values)
@@ -264,6 +265,14 @@ class PoseGraphNode(ListeningNode):
         if not values['keyframes']:
             return DiagnosticStatus.WARN, f'no odometry on {self._odometry.topic}'
         text = '{keyframes} keyframes; closures: {kept} kept, {refused} refused'.format(**values)
+        if apart_ns := self._graph.apart_ns:
+            query_s, odometry_s = (stamp_ns / 1e9 for stamp_ns in apart_ns)
+            line = (
+                f'a closure is of {query_s:.3f}, when odometry, at {odometry_s:.3f}, was not: '
+                'stamp camera and odometry by one clock'
+            )
+            self.get_logger().warning(line, once=True)
+            return DiagnosticStatus.WARN, f'{text}; {line}'
         if count := values['contradicting']:
             return DiagnosticStatus.WARN, (
                 f'{text}; the newest {count} contradict odometry: if the robot was carried away, '

@@ -34,7 +34,8 @@ class LIVE:
     every: int = 5  # ... of later ones one of so many, beside those at which queries end
     loose: float = 1e3  # standard deviation of the start of a drive, metres and radians
     patience_ns: int = 10_000_000_000  # until a closure without a counterpart counts as unusable
-    most_poses: int = 1000  # absolute poses that wait for their closure
+    most_poses: int = 1000  # absolute poses that wait for their closure, ...
+    most_waiting: int = 1000  # ... and closures without both their places
 
 
 @dataclass(eq=False)
@@ -54,6 +55,7 @@ class PoseGraph:
     without_place: int = 0  # closures of which a place is not in the graph, nor in the map's frame
     twice: int = 0  # closures that came again
     restarts: int = 0  # clocks that were set back
+    apart_ns: tuple[int, int] | None = None  # query of a closure, and odometry far from it, if any
 
     def __post_init__(self) -> None:
         self._begin()
@@ -116,6 +118,10 @@ class PoseGraph:
 
     def problem(self) -> Problem | None:
         """Return what is to be solved; None if there is nothing new."""
+        unplaced = [one for one in self.known.values() if one.edge is None]
+        for one in unplaced[: -LIVE.most_waiting]:
+            self.without_place += one.kept is None
+            del self.known[one.closure.key]
         if not self.running.keyframes:
             return None
         waiting = [one for one in self.known.values() if one.edge is None and one.kept is None]
@@ -126,7 +132,7 @@ class PoseGraph:
         stored = set[int]() if self._nodes else {*self.nodes}
         new = self._extend({query[0] for _, (_, _, query) in found} | stored)
         for one, places in found:
-            one.edge = self._link(*places)
+            one.edge, self.apart_ns = self._link(*places), None
         ends = [(one.edge.end, one) for one, _ in found if one.edge]
         for _, one in sorted(ends, key=lambda end: end[0]):
             self._carried.add(one)
@@ -226,9 +232,11 @@ class PoseGraph:
         fixed = np.array(sorted(n - first for n in nodes if first <= n < first + count))
         if not len(fixed):
             return poses
-        moves = np.array([nodes[first + at] @ inverse(drive.keyframe(int(at))) for at in fixed])
         after = np.searchsorted(fixed, wanted, 'right')
-        before, after = (np.clip(at, 0, len(fixed) - 1) for at in (after - 1, after))
+        ends = np.clip([after - 1, after], 0, len(fixed) - 1)
+        used, ends = np.unique(ends.ravel(), return_inverse=True)
+        fixed, (before, after) = fixed[used], ends.reshape(2, -1)
+        moves = np.array([nodes[first + at] @ inverse(drive.keyframe(int(at))) for at in fixed])
         spread = drive.variances().sum(axis=1)
         starts, ends = spread[fixed[before]], spread[fixed[after]]
         share = ((spread[wanted] - starts) / np.maximum(ends - starts, 1e-12)).clip(0, 1)
@@ -238,10 +246,16 @@ class PoseGraph:
         result[:, :3, :3] = left @ right
         return np.asarray(result)
 
-    def trajectory(self) -> list[tuple[int, Matrix]]:
-        """Return the stamps and the corrected poses (4, 4) of the running drive's keyframes."""
-        stamps = [self.running.stamps[at] for at in self.running.keyframes]
-        return [*zip(stamps, self.corrected(self.running), strict=True)]
+    def trajectory(self, most: int | None = None) -> list[tuple[int, Matrix]]:
+        """
+        Return the stamps and the corrected poses (4, 4) of the running drive's keyframes.
+
+        Of more than `most` it is every n-th, and the newest.
+        """
+        count = len(self.running.keyframes)
+        numbers = range(count - 1, -1, -max(1, math.ceil(count / (most or count or 1))))[::-1]
+        stamps = [self.running.keyframe_ns(at) for at in numbers]
+        return [*zip(stamps, self.corrected(self.running, numbers), strict=True)]
 
     @property
     def counts(self) -> dict[str, Any]:
@@ -312,6 +326,8 @@ class PoseGraph:
         if query and reference and query[0] != reference[0]:
             return closure, reference, query
         first_ns, newest_ns = self.running.stamps[0], self.running.stamps[-1]
+        if max(first_ns - closure.query_ns, closure.query_ns - newest_ns) > LIVE.patience_ns:
+            self.apart_ns = closure.query_ns, newest_ns
         if closure.query_ns < first_ns or newest_ns - closure.query_ns > LIVE.patience_ns:
             one.kept = False
             self.without_place += 1

@@ -304,6 +304,19 @@ def test_a_message_that_is_no_closure_is_left_out_and_reported(graph_node, chang
     assert node.get_logger().warning.call_count == 2
 
 
+def test_closures_and_odometry_of_two_clocks_are_reported(client, graph_node, monkeypatch):
+    node = graph_node()
+    monkeypatch.setattr(node, 'get_logger', Mock())
+    drive(node)
+    by_uptime = closure(60, 20)
+    by_uptime.child_frame_id = f'a/{stamp(60) + 1000 * SECOND}'
+    node._on_closure(by_uptime)
+    client.wait_for(lambda: node._graph.apart_ns)
+    level, text = node._state(node._graph.counts)
+    assert level == DiagnosticStatus.WARN
+    assert 'a closure is of 1013.000, when odometry, at 17.000, was not' in text
+
+
 def test_a_covariance_that_is_not_finite_is_left_out_and_reported(graph_node, monkeypatch):
     node = graph_node()
     monkeypatch.setattr(node, 'get_logger', Mock())

@@ -135,7 +135,7 @@ def test_keyframes_between_nodes_are_corrected_by_interpolation(monkeypatch):
     assert np.abs(np.subtract(*positions)).max() < 0.2
 
 
-OTHERS = 'every', 'loose', 'patience_ns', 'most_poses'
+OTHERS = 'every', 'loose', 'patience_ns', 'most_poses', 'most_waiting'
 
 
 def test_without_a_position_both_visits_are_near_each_other():
@@ -226,6 +226,26 @@ def test_a_closure_to_a_place_without_a_pose_is_counted(absent):
     assert solve(graph, absent) == [False]
     assert graph.without_place == 1 and graph.counts['refused'] == 0
     assert graph.problem() is None
+
+
+def test_closures_later_than_all_odometry_are_kept_up_to_a_number_and_said():
+    graph = driven(DRIFTED)
+    for step in range(1500):
+        graph.add_closure(Closure(10**18 + 1000 * step, stamp(3), np.eye(4), MEASURED))
+    assert graph.problem() is None
+    assert len(graph.known) == 1000 and graph.without_place == 500
+    assert graph.apart_ns == (10**18 + 1_499_000, stamp(len(DRIFTED) - 1))
+    solve(graph, RIGHT[0])
+    assert graph.counts['kept'] == 1 and graph.apart_ns is None
+
+
+def test_of_a_long_path_every_nth_keyframe_is_told():
+    graph = driven(DRIFTED)
+    solve(graph, *RIGHT)
+    whole, few = graph.trajectory(), graph.trajectory(60)
+    assert [stamp_ns for stamp_ns, _ in few] == [stamp_ns for stamp_ns, _ in whole[1::3]]
+    assert np.allclose([at for _, at in few], [at for _, at in whole[1::3]])
+    assert few[-1][0] == whole[-1][0] and PoseGraph().trajectory(60) == []
 
 
 def test_a_place_of_the_map_moves_the_drive_into_the_frame_of_the_map():
