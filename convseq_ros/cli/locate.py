@@ -6,7 +6,9 @@ import argparse
 from collections.abc import Sequence
 import json
 from pathlib import Path
+import struct
 from typing import Any
+import zlib
 
 from convseq_ros.app.match_picture import answer_picture
 from convseq_ros.app.pipeline import Pipeline
@@ -16,7 +18,7 @@ from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Localization, Match, PoseEstimate
 from convseq_ros.errors import ConfigError, ConvseqError, ImageError, printable, SourceError
-from convseq_ros.io.regular_file import complete_or_absent
+from convseq_ros.io.regular_file import complete_or_absent, MARK
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.folder import FRAME_INTERVAL_NS, unreadable
@@ -24,6 +26,8 @@ from convseq_ros.sources.images import gray_of, read_picture
 import cv2
 import numpy as np
 import numpy.typing as npt
+
+_PNG_HEAD = 33  # bytes of its signature and first chunk
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -148,4 +152,7 @@ def _draw(path: Path, picture: npt.NDArray[np.uint8]) -> None:
     if not done:
         raise ConvseqError(f'{path}: the picture cannot be encoded')
     with complete_or_absent(path) as part:
-        part.write_bytes(png.tobytes())
+        data, comment = png.tobytes(), f'tEXtComment\0{MARK}'.encode()
+        chunk = struct.pack('>I', len(comment) - 4) + comment
+        chunk += struct.pack('>I', zlib.crc32(comment))
+        part.write_bytes(data[:_PNG_HEAD] + chunk + data[_PNG_HEAD:])

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from convseq_ros.errors import ConvseqError, pip_install
-from convseq_ros.io.regular_file import complete_or_absent
+from convseq_ros.io.regular_file import complete_or_absent, MARK
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,11 @@ Image: TypeAlias = npt.NDArray[np.uint8]
 Scores: TypeAlias = npt.NDArray[np.float32]  # (Q, R), NaN where nothing was scored
 Numbers: TypeAlias = npt.NDArray[np.int_]
 Pair: TypeAlias = tuple[Image, Image, str, str, bool]
-_DATES = {'svg': 'Date', 'pdf': 'CreationDate'}
+_METADATA = {
+    'png': {'Comment': MARK},
+    'svg': {'Description': MARK, 'Date': None},
+    'pdf': {'Subject': MARK, 'CreationDate': None},
+}
 NIGHT = ('#0b1622', '#123350', '#1f5f8b', '#5fa3cf', '#dcecf8')  # from low to high scores
 UNSCORED = '#4c4c4c'
 EDGE = '#0f1720'
@@ -55,10 +59,9 @@ def save(figure: Any, *paths: Path, **options: Any) -> None:
     take_texts_literally(figure)
     for path in paths:
         kind = path.suffix[1:]
-        undated = {_DATES[kind]: None} if kind in _DATES else None
         with complete_or_absent(path) as part:
             with rc_context({'svg.hashsalt': 'convseq_ros', 'pdf.fonttype': 42}):
-                figure.savefig(part, format=kind, metadata=undated, **options)
+                figure.savefig(part, format=kind, metadata=_METADATA[kind], **options)
 
 
 def show_scores(axes: Any, scores: Scores) -> None:

@@ -8,23 +8,25 @@ import os
 from pathlib import Path
 
 from convseq_ros.errors import ConfigError, printable
+from convseq_ros.io.regular_file import MARK
 
 LIBRARY = 'convseq_ros'  # what recordings that this package writes name in their header
-_HEAD_BYTES = 512
+_HEAD_BYTES = 4096  # in which the mark is
 _MCAP_HEADER = b'\x89MCAP0\r\n\x01'  # the magic bytes of a recording, and its first record
 PAGE, FIGURE = ('.html', '.htm'), ('.png', '.svg', '.pdf')  # kinds
 ANY = ('',)  # any name; the writer itself refuses what it must not replace
-TEXT = ()  # any name, but only text is replaced
-ANSWERS = ('.csv', '.mcap')  # only text, and recordings of this package by recordings
+TEXT = ()  # any name
+ANSWERS = ('.csv', '.mcap')  # a table, or a recording
+_TABLE = b'query_index,'  # begins a table of answers
 
 
 @dataclass(frozen=True, slots=True)
 class OutputFile:
     """
-    A file to write, which replaces a file of that name.
+    A file to write, which replaces an empty file of that name, or one of this program.
 
     `option` asked for it. `kinds` are the endings that its name may have: `PAGE`, `FIGURE`, `ANY`,
-    `ANSWERS` or `TEXT`; with the last two no map, picture or recording of a robot is lost.
+    `ANSWERS` or `TEXT`. Files of this program have `MARK`, or are tables or recordings of answers.
     """
 
     option: str
@@ -55,21 +57,21 @@ class OutputFile:
             return 'is read or written by the same command; name another file'
         if self.kinds and not self.path.name.lower().endswith(self.kinds):
             return f'is of no kind that is written; name a {" or ".join(self.kinds)}'
-        if self.kinds in (TEXT, ANSWERS) and self._is_of_others():
-            return (
-                'holds what is not replaced, perhaps a map or a recording; move it, or name '
-                'another file'
-            )
+        if self.kinds != ANY and self._is_of_others():
+            return 'was not written by this program, and is kept; move it, or name another file'
         return ''
 
     def _is_of_others(self) -> bool:
-        """Return whether it exists, and is neither text nor a recording that one replaces."""
+        """Return whether it exists, and holds what this program has not written."""
         if not self.path.exists():
             return False
         with self.path.open('rb') as file:
             head = file.read(_HEAD_BYTES)
-        is_recording = self.kinds == ANSWERS and self.path.suffix == '.mcap'
-        return b'\0' in head and not (is_recording and _is_ours(head))
+            if self.path.name.lower().endswith('.pdf'):
+                head += file.read()  # its comment is at the end
+        if self.kinds == ANSWERS and self.path.suffix == '.mcap':
+            return bool(head) and not _is_ours(head)
+        return bool(head) and MARK.encode() not in head and not head.startswith(_TABLE)
 
 
 def _is_ours(head: bytes) -> bool:

@@ -11,6 +11,7 @@ import tempfile
 
 from convseq_ros.errors import SourceError
 
+MARK = 'written by convseq_ros'  # is in files of this program, which may replace them
 PART = '.part'  # ends the name of the folder in which a file is written before it is renamed
 _KINDS = {
     stat.S_IFIFO: 'a pipe',
@@ -83,6 +84,7 @@ def complete_or_absent(path: Path) -> Iterator[Path]:
 
 
 def write_lines(path: Path, lines: Iterable[str]) -> None:
-    """Write a text file, in one step."""
+    """Write a text file, in one step, after a comment that says by whom."""
     with complete_or_absent(path) as part:
-        part.write_text(''.join(f'{line}\n' for line in lines), encoding='utf-8')
+        text = ''.join(f'{line}\n' for line in (f'# {MARK}', *lines))
+        part.write_text(text, encoding='utf-8')

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drive through a drawn town that passes its streets again, with drifting odometry."""
 
+import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-import sys
 
 from convseq_ros.simulation.drive import draw, Drive, Shot
 from convseq_ros.simulation.odometry import Drift, with_odometry
@@ -67,4 +67,6 @@ def record(path: Path, seed: int = 0) -> None:
 
 
 if __name__ == '__main__':
-    record(Path(sys.argv[1]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('recording', type=Path, help='folder to make')
+    record(parser.parse_args().recording)

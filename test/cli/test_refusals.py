@@ -5,18 +5,23 @@
 import os
 import shlex
 import shutil
+import subprocess
+import sys
 
+from convseq_ros.app.result_row import COLUMNS
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.errors import ConfigError
 from convseq_ros.io.output_file import ANSWERS, LIBRARY, OutputFile
+from convseq_ros.io.regular_file import write_lines
 from convseq_ros.io.results import ResultWriter
+import cv2
 import pictures
 import pytest
 
 ANOTHER = 'is read or written by the same command; name another file'
-OTHER = 'holds what is not replaced, perhaps a map or a recording; move it, or name another file'
+OTHER = 'was not written by this program, and is kept; move it, or name another file'
 NO_FILE = 'is not a file, but a device, a pipe or a socket; name a file'
 PAGE = 'is of no kind that is written; name a .html or .htm'
 ANSWER = 'is of no kind that is written; name a .csv or .mcap'
@@ -84,6 +89,12 @@ CASES = [
     ('locate . --map m.db', '', ': a folder; give its last few pictures'),
     ('locate drive/000.png --map m.db --mode online', '', 'locate adds nothing'),
     ('demo --output .', '', 'not of an earlier demo'),
+    (f'{REPLAY} --output mine.csv', '--output: mine.csv', OTHER),
+    (f'{REPLAY} --tum poses.txt', '--tum: poses.txt', OTHER),
+    (f'{REPLAY} --report mine.html', '--report: mine.html', OTHER),
+    ('map link m.db --g2o poses.txt', '--g2o: poses.txt', OTHER),
+    ('info m.db --picture drive/001.png', '--picture: drive/001.png', OTHER),
+    ('locate drive/000.png --map m.db --picture other.png', '--picture: other.png', OTHER),
 ]
 
 
@@ -108,6 +119,9 @@ def here(built, tmp_path, monkeypatch):
     shutil.copytree(built, tmp_path, dirs_exist_ok=True)
     (tmp_path / 'set.yaml').write_text('name: mine')
     (tmp_path / 'poses.txt').write_text('0 0 0 0 0 0 0 1\n')
+    (tmp_path / 'mine.csv').write_text('name,query_index,\n')
+    shutil.copy('drive/001.png', 'other.png')
+    (tmp_path / 'mine.html').write_text('<title>convseq_ros</title>')
     (tmp_path / 'results').mkdir()
     (tmp_path / 'link.db').symlink_to('m.db')
     write_mcap(tmp_path / 'robot.mcap', 'convseq_ros', 'libmcap 1.4.0')
@@ -157,5 +171,32 @@ def test_the_target_of_a_symbolic_link_is_replaced_and_the_link_stays(here):
 def test_a_recording_of_an_earlier_replay_is_replaced(tmp_path):
     write_mcap(tmp_path / 'a.mcap', 'ros2', LIBRARY)
     OutputFile('--output', tmp_path / 'a.mcap', ANSWERS).refuse()
-    with pytest.raises(ConfigError, match=r'result_file: .*a.mcap holds what is not replaced'):
+    with pytest.raises(ConfigError, match=r'result_file: .*a.mcap was not written by this'):
         OutputFile('result_file', tmp_path / 'a.mcap').refuse()
+
+
+def test_what_the_program_wrote_is_replaced_and_an_empty_file(here, capsys):
+    pytest.importorskip('matplotlib')
+    poses = ''.join(f'{stamp / 10} {stamp} 0 0 0 0 0 1\n' for stamp in range(1, 4))
+    (here / 'poses.txt').write_text(poses)
+    (here / 'empty.svg').touch()
+    assert main(['build-map', 'drive', 'posed.db', '--poses', 'poses.txt']) == 0
+    for line in 2 * (
+        'info posed.db --picture a.png',
+        'info posed.db --picture empty.svg',
+        'info posed.db --picture a.pdf',
+        'locate drive/000.png --map m.db --picture located.png',
+        f'{REPLAY} --report page.html --output r.csv',
+    ):
+        assert main(line.split()) == 0, capsys.readouterr().err
+    for name in ('a.png', 'located.png'):
+        assert cv2.imread(name) is not None
+    write_lines(here / 'a.tum', ['0 0 0 0 0 0 0 1'])
+    OutputFile('--tum', here / 'a.tum').refuse()
+    assert COLUMNS[0] == 'query_index'
+
+
+def test_help_of_the_drawn_town_draws_nothing(tmp_path):
+    words = [sys.executable, '-m', 'convseq_ros.simulation.town', '--help']
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert 'folder to make' in done.stdout and not [*tmp_path.iterdir()]

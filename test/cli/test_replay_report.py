@@ -10,6 +10,7 @@ from convseq_ros.config import Config
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Reason
+from convseq_ros.io.regular_file import MARK
 from convseq_ros.io.results import read_results
 from convseq_ros.sources import open_each_camera, open_source
 import numpy as np
@@ -99,7 +100,7 @@ def test_a_page_that_cannot_be_written_leaves_the_table_and_the_old_page(
     replayed, tmp_path, monkeypatch
 ):
     page = tmp_path / 'page.html'
-    page.write_text('old')
+    page.write_text(old := f'<!-- {MARK} -->')
 
     def full(*_):
         raise OSError(28, 'No space left on device', f'{page}.part')
@@ -111,7 +112,7 @@ def test_a_page_that_cannot_be_written_leaves_the_table_and_the_old_page(
     assert [line for line in errors.splitlines() if not line.startswith('warning')] == [
         f'convseq replay: {page}: No space left on device'
     ]
-    assert page.read_text() == 'old' and len(read_results(tmp_path / 'result.csv')) == COUNT
+    assert page.read_text() == old and len(read_results(tmp_path / 'result.csv')) == COUNT
     code, errors = replayed(page=page / 'page.html')
     assert code == 1 and f'there is no folder {page}' in errors
 

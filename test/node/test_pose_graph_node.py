@@ -205,7 +205,7 @@ def test_files_are_written_by_the_service_and_at_the_end_and_read_again(
     close(client, node, *RIGHT)
     answer = client.call(Trigger, '/pose_graph_node/save')
     assert answer.success and all(str(path) in answer.message for path in files.values())
-    lines = files['tum_file'].read_text().splitlines()
+    _, *lines = files['tum_file'].read_text().splitlines()  # after a comment
     assert len(lines) == NUM + 1 and lines[0].startswith('1.000000000 ')
     kinds = [line.split()[0] for line in files['g2o_file'].read_text().splitlines()]
     assert kinds.count('VERTEX_SE3:QUAT') == NUM + 1
