@@ -230,7 +230,7 @@ class PoseGraph:
         poses = np.array([drive.keyframe(int(at)) for at in wanted]).reshape(-1, 4, 4)
         nodes = self.poses()
         fixed = np.array(sorted(n - first for n in nodes if first <= n < first + count))
-        if not len(fixed):
+        if not len(fixed) or not len(wanted):
             return poses
         after = np.searchsorted(fixed, wanted, 'right')
         ends = np.clip([after - 1, after], 0, len(fixed) - 1)

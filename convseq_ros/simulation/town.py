@@ -67,6 +67,6 @@ def record(path: Path, seed: int = 0) -> None:
 
 
 if __name__ == '__main__':
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument('recording', type=Path, help='folder to make')
     record(parser.parse_args().recording)

@@ -130,11 +130,17 @@ class ImageFolder:
         times = {picture: stamp_ns for picture, stamp_ns in found.items() if stamp_ns is not None}
         if len(times) == len(found):
             same = _repeated(self._pictures, times.__getitem__)
-            if same and not any(stamp_ns % _SECOND_NS for stamp_ns in times.values()):
+            stamps_ns = [times[picture] for picture in self._pictures]
+            is_whole = not any(stamp_ns % _SECOND_NS for stamp_ns in stamps_ns)
+            if same and is_whole and stamps_ns == sorted(stamps_ns):
                 return self._apart(FRAME_INTERVAL_NS)  # several a second; their order is known
             self._pictures.sort(key=times.__getitem__)
-            why = 'have the time of another; give each camera a folder of its own'
-            self._leave_out(path, same, why)
+            if same:  # they keep their numbers, and the recogniser passes over them
+                self.warnings.append(
+                    f'{path}: {len(same)} of {len(found)} pictures, such as '
+                    f'{printable(same[0].name)}, are left out: they have the time of another; '
+                    'give each camera a folder of its own'
+                )
             return [times[picture] for picture in self._pictures]
         if times:
             other = next(picture.name for picture in self._pictures if picture not in times)
