@@ -109,8 +109,9 @@ def draw_false(truth: Truth, count: int) -> list[tuple[int, int]]:
 def read_trajectory(path: Path) -> Truth:
     """Return the positions of a file in the format of TUM, by their stamps."""
     found = {}
-    _, *lines = path.read_text(encoding='utf-8').splitlines()  # after a comment
-    for line in lines:
+    for line in path.read_text(encoding='utf-8').splitlines():
+        if line.startswith('#'):
+            continue
         stamp, x, y, z, *_ = line.split()
         seconds, _, rest = stamp.partition('.')
         found[int(seconds) * 10**9 + int(rest)] = float(x), float(y), float(z)

@@ -25,6 +25,8 @@ from convseq_ros.config.robot_config import RobotConfig
 from convseq_ros.config.sequence_config import SequenceConfig
 from convseq_ros.errors import ConfigError
 
+MOST_KEYPOINTS = 1000  # of a place; more in a file of a map are damage
+
 Group = TypeVar('Group')
 
 
@@ -145,7 +147,7 @@ class KeyframeConfig(Checked):
     thumbnail_width_px: int = 128  # of the previews that a map stores; 0 stores none
     keypoints: int = parameter(
         300, 'Keypoints that the map keeps of each place, a second witness by day; 0 keeps none.',
-        low=0, high=1000,
+        low=0, high=MOST_KEYPOINTS,
     )
     keep_images_px: int = parameter(
         0, 'Longer side of an image that the map keeps of each place, for better relative poses; '

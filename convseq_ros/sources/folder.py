@@ -111,12 +111,15 @@ class ImageFolder:
         )
 
     def _leave_out(self, path: Path, others: list[Path], why: str) -> None:
+        self._warn(path, others, why)
+        known = set(others)
+        self._pictures = [one for one in self._pictures if one not in known]
+
+    def _warn(self, path: Path, others: list[Path], why: str) -> None:
         if others:
-            count, known = len(self._pictures), set(others)
-            self._pictures = [one for one in self._pictures if one not in known]
             self.warnings.append(
-                f'{path}: {len(others)} of {count} pictures, such as {printable(others[0].name)}, '
-                f'are left out: they {why}'
+                f'{path}: {len(others)} of {len(self._pictures)} pictures, such as '
+                f'{printable(others[0].name)}, are left out: they {why}'
             )
 
     def _stamps(self, path: Path, rate_hz: float | None) -> list[int]:
@@ -135,12 +138,9 @@ class ImageFolder:
             if same and is_whole and stamps_ns == sorted(stamps_ns):
                 return self._apart(FRAME_INTERVAL_NS)  # several a second; their order is known
             self._pictures.sort(key=times.__getitem__)
-            if same:  # they keep their numbers, and the recogniser passes over them
-                self.warnings.append(
-                    f'{path}: {len(same)} of {len(found)} pictures, such as '
-                    f'{printable(same[0].name)}, are left out: they have the time of another; '
-                    'give each camera a folder of its own'
-                )
+            # They keep their numbers, and the recogniser passes over them.
+            why = 'have the time of another; give each camera a folder of its own'
+            self._warn(path, same, why)
             return [times[picture] for picture in self._pictures]
         if times:
             other = next(picture.name for picture in self._pictures if picture not in times)

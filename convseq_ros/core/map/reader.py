@@ -13,6 +13,7 @@ from typing import Any
 import weakref
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.config.config import MOST_KEYPOINTS
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.keypoints import BYTES
@@ -30,7 +31,6 @@ _ROWS_AT_ONCE = 2048  # rows of `places` in a query, some MB of memory
 _BYTES_A_NUMBER = 2  # of the cells
 _LINKS_AT_ONCE = 8192  # rows in a query, some MB of memory
 _PICTURES_AT_ONCE = 64  # in a query; with images, some 20 MB
-_MOST_KEYPOINTS = 1000  # of a place, as the parameter `keypoints` allows: each is compared
 
 
 def open_map(
@@ -193,7 +193,7 @@ class MapReader:
                     (image,) = images.get(index, (None,))
                     blobs = thumbnail, keypoints, b'' if image is None else image
                     are_bytes = all(isinstance(blob, bytes) for blob in blobs)
-                    if not are_bytes or len(keypoints) > _MOST_KEYPOINTS * BYTES:
+                    if not are_bytes or len(keypoints) > MOST_KEYPOINTS * BYTES:
                         raise ValueError(f'the thumbnail, keypoints or image of reference {index}')
                     packed = decode_cells(cells, self._cell_shape)
                     pictures[index] = Picture(packed, thumbnail, keypoints, image)
