@@ -19,10 +19,17 @@ SETTINGS = '--keyframe-overlap', '1', '--keep-images-px', '40'
 
 
 @pytest.fixture(scope='session')
-def client():
+def workers():
     pytest.importorskip('distributed', reason='needs dask.distributed, the extra `fleet`')
     with started(2) as opened:
         yield opened
+
+
+@pytest.fixture
+def client(workers):
+    yield workers
+    # What a test killed is up again before another test takes packages away.
+    workers.wait_for_workers(2, timeout=60)
 
 
 @pytest.fixture(scope='session')
