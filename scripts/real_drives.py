@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Real drives in other light, of which each frame's place is known.
+Real drives, most of them in other light, of which each frame's place is known.
 
 A folder of them holds `SET/DRIVE/NUMBER.jpg`, in driving order, and `truth/SET.csv`, whose rows
 say of a frame where on a lap it is and on how many matches of SIFT that rests. Their pictures are
@@ -16,7 +16,7 @@ import math
 from pathlib import Path
 
 from convseq_ros import Frame
-from convseq_ros.config import make_config
+from convseq_ros.config import make_config, with_values
 import cv2
 from known_drives import Drive, Make, Shown
 import numpy as np
@@ -150,6 +150,12 @@ def of_room(folder: Path, name: str) -> Drive:
     return Walk(name, mapped, queries, CONFIG, 1, 2, place='room')
 
 
+def of_straight(folder: Path) -> Drive:
+    """Return a drive that maps a straight of a running track, slowly: nothing returns."""
+    images = shown(folder / 'straight/drive', lambda _number: math.inf, Part('drive'))
+    return Drive('straight, online', [], images, with_values(CONFIG, {'mode': 'online'}))
+
+
 def in_other_light(folder: Path) -> list[Make]:
     """Return the drives; their makers read the images."""
     court_lap, evening = Part('0513_1442', 3851, 4135), Part('0513_1732', 6367, 7567, 400)
@@ -178,4 +184,5 @@ def in_other_light(folder: Path) -> list[Make]:
         *(partial(of_laps, folder, *of) for of in laps),
         *(partial(of_park, folder, *of) for of in parks),
         partial(of_room, folder, 'room, hand-held'),
+        partial(of_straight, folder),
     ]

@@ -13,7 +13,13 @@ from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.light import Light
 from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.keypoints import agreeing_blocks, detect, Keypoints, matched
+from convseq_ros.core.encoding.keypoints import (
+    agreeing_blocks,
+    common_shift,
+    detect,
+    Keypoints,
+    matched,
+)
 from convseq_ros.core.map.edit import write_new
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.reader import MapReader, open_map
@@ -101,31 +107,51 @@ def test_a_keypoint_is_stored_in_34_bytes():
     assert one.shares.tolist() == [[0.5 / 256, 255.5 / 256]]
 
 
+def pairs_of(query, place):
+    """Return which keypoints of two images match, by their order."""
+    query, place = (
+        Keypoints(np.column_stack((np.arange(len(one.bits)),) * 2) / 256, one.bits)
+        for one in (query, place)
+    )
+    return (matched(query, place)[:, ::2] * 256).tolist()
+
+
+def blocks(query, place, motion=STAYS):
+    return agreeing_blocks(matched(query, place), motion, SIDE)
+
+
 def test_matches_are_mutual_and_clear():
     first = by_hand(range(40), range(100, 140), range(200, 240))
-    assert matched(first, first).tolist() == [[0, 0], [1, 1], [2, 2]]
+    assert pairs_of(first, first) == [[0, 0], [1, 1], [2, 2]]
     other = by_hand(range(100, 138), range(50, 90), range(36))
-    assert matched(first, other).tolist() == [[0, 2], [1, 0]]
+    assert pairs_of(first, other) == [[0, 2], [1, 0]]
     # Two alike: the second best is nearly as near as the best.
-    assert matched(first, by_hand(range(4, 40), range(35))).tolist() == [[0, 0]]
-    assert matched(first, by_hand(range(30), range(10, 40), range(200, 240))).tolist() == [[2, 2]]
+    assert pairs_of(first, by_hand(range(4, 40), range(35))) == [[0, 0]]
+    assert pairs_of(first, by_hand(range(30), range(10, 40), range(200, 240))) == [[2, 2]]
     # Two of the query are nearest to one place; it is nearest to the first.
     twice = by_hand(range(40), range(39), range(100, 140))
-    assert matched(twice, by_hand(range(40), range(100, 140))).tolist() == [[0, 0], [2, 1]]
+    assert pairs_of(twice, by_hand(range(40), range(100, 140))) == [[0, 0], [2, 1]]
 
 
 @pytest.mark.parametrize('count', [0, 1])
 def test_fewer_than_two_keypoints_match_nothing(count):
     few, many = by_hand(*[range(40)] * count), by_hand(range(40), range(100, 140))
-    assert matched(few, many).shape == matched(many, few).shape == (0, 2)
-    assert agreeing_blocks(few, many, STAYS, SIDE) == 0
+    assert matched(few, many).shape == matched(many, few).shape == (0, 4)
+    assert blocks(few, many) == 0
 
 
 def test_an_image_agrees_with_itself_everywhere_and_with_another_nowhere():
     one, other = keypoints(drawn(5)), keypoints(drawn(6))
-    itself = agreeing_blocks(one, one, STAYS, SIDE)
-    assert itself > 60 and agreeing_blocks(one, other, STAYS, SIDE) < 7
-    assert agreeing_blocks(one, keypoints(drawn(5) // 2 + 30), STAYS, SIDE) > 0.6 * itself
+    itself = blocks(one, one)
+    assert itself > 60 and blocks(one, other) < 7
+    assert blocks(one, keypoints(drawn(5) // 2 + 30)) > 0.6 * itself
+
+
+def test_the_common_shift_is_that_of_most_matches():
+    moved = np.array([[2, 4], [2, 5], [3, 4], [2, 4], [9, -7], [-8, 1]]) / 32  # down, across
+    here = np.full((6, 2), 0.5)
+    shift = common_shift(np.hstack((here, here + moved[:, ::-1])), SIDE)
+    assert shift == pytest.approx((2, 4))
 
 
 @pytest.mark.parametrize(('down', 'across'), [(0, 3), (4, 0), (-3, 2)])
@@ -136,10 +162,10 @@ def test_keypoints_must_move_as_the_cells_did(down, across):
     one = keypoints(wide[60:300, 80:400])
     moved = keypoints(wide[rows : rows + 240, columns : columns + 320])
     motion = np.array([[down, 0, 0], [across, 0, 0]], float)
-    agreed = agreeing_blocks(one, moved, motion, SIDE)
+    agreed = blocks(one, moved, motion)
     assert agreed > 60
-    assert agreeing_blocks(one, moved, STAYS, SIDE) < agreed / 8
-    assert agreeing_blocks(one, moved, -motion, SIDE) < agreed / 8
+    assert blocks(one, moved) < agreed / 8
+    assert blocks(one, moved, -motion) < agreed / 8
 
 
 def test_keypoints_agree_with_a_motion_that_expands_from_the_middle():
@@ -152,17 +178,17 @@ def test_keypoints_agree_with_a_motion_that_expands_from_the_middle():
     by = 8 / SIDE  # of the distance from the middle, as 30 regions and two more cells are a side
     there = 0.5 + (here - 0.5) * (1 + by)
     one, other = by_hand(*spread, shares=here), by_hand(*spread, shares=there)
-    assert agreeing_blocks(one, other, grows, SIDE) == 4
-    assert agreeing_blocks(one, other, grows[::-1], SIDE) == 0  # each would move the other way
+    assert blocks(one, other, grows) == 4
+    assert blocks(one, other, grows[::-1]) == 0  # each would move the other way
 
 
 def test_a_single_common_object_gives_few_agreeing_blocks():
     one, other = drawn(8), drawn(9)
     one[100:140, 100:160] = other[100:140, 100:160] = drawn(10)[100:140, 100:160]
     first, second = keypoints(one, most=1000), keypoints(other, most=1000)
-    assert 1 <= agreeing_blocks(first, second, STAYS, SIDE) <= 4 * 4  # of 20 x 15 px
+    assert 1 <= blocks(first, second) <= 4 * 4  # of 20 x 15 px
     in_a_block = by_hand(range(20), range(60, 80), shares=np.array([[0.51, 0.51], [0.55, 0.55]]))
-    assert agreeing_blocks(in_a_block, in_a_block, STAYS, SIDE) == 1
+    assert blocks(in_a_block, in_a_block) == 1
 
 
 def frames(count, light=1.0):

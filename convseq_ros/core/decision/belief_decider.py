@@ -9,6 +9,7 @@ from convseq_ros.config import Config
 from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.decision.comparison import Comparer
+from convseq_ros.core.decision.covisibility import Covisibility
 from convseq_ros.core.decision.decider import Answer, candidate, Decider, distinct_peaks, Query
 from convseq_ros.core.decision.evidence import evidence_length, novelty
 from convseq_ros.core.decision.expected_lead import ExpectedLead
@@ -19,7 +20,6 @@ from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Observation, Observer
 from convseq_ros.core.decision.odometry_jump import OdometryJumps
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
-from convseq_ros.core.geometry.verification import NOTHING
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
@@ -55,8 +55,8 @@ class BeliefDecider(Decider):
         self._prior = OdometryPrior(reference_map, robot, config.online.grows)
         witness = KeypointWitness(reference_map, keypoints)
         self._comparer = Comparer(coarse, matcher, self._near, matching.shortlist_length)
-        self._matcher = matcher
-        self._observer = Observer(matcher, self._near, witness)
+        self._covisibility = Covisibility(reference_map, matcher, witness)
+        self._observer = Observer(matcher, self._near, witness, self._covisibility)
 
     @property
     def odometry_jumps(self) -> int:
@@ -123,11 +123,11 @@ class BeliefDecider(Decider):
             return Answer(Reason.WEAK, (), length, 0.0)
         best = int(belief.places[belief.mass.argmax()])
         is_same = self._near.mask(belief.places, best, SAME_PLACE)
-        confidence, implausible_m = min(1.0, float(belief.mass[is_same].sum())), None
+        confidence, implausible_m = min(1.0, self._shown(best, is_same)), None
         is_sure = confidence >= config.min_confidence
         if is_sure and self._both_deny(is_same, observed):
             reason = Reason.WEAK
-        elif is_sure and best >= query.session_start and self._is_left(best, query):
+        elif is_sure and best >= query.session_start and self._covisibility.is_in_view(best):
             reason = Reason.RECENT
         elif is_sure and not self._prior.is_denied(best, query.session_start):
             if observed.asked:
@@ -159,19 +159,18 @@ class BeliefDecider(Decider):
         predicted = held * np.exp(-log_ratios)  # up to a factor
         return bool(held.sum() < _DENIED * predicted.sum())
 
-    def _is_left(self, place: int, query: Query) -> bool:
+    def _shown(self, best: int, is_same: Flags) -> float:
         """
-        Return whether the robot leaves a place of its drive, which has been in view ever since.
+        Return the probability that the newest frame shows the scene of the likeliest place.
 
-        The oldest frame of the buffer then shows it more than the newest one; a robot that
-        returns sees it better than before. Without cells, it is not known.
+        Places of the belief that show the place, `is_same` (n,), count whole, and the likeliest
+        of the others by the share of its scene that they show.
         """
-        known = [one.features for one in query.buffer.frames if one.features is not None]
-        newest, oldest = (
-            self._matcher.verified(features, [place]).get(place, NOTHING)
-            for features in (known[0], known[-1])
-        )
-        return strength_of(newest) < strength_of(oldest)
+        belief = self._belief
+        others = np.flatnonzero(~is_same & (belief.mass >= BUDGET.shares_from))
+        others = others[np.argsort(-belief.mass[others], kind='stable')][: BUDGET.scored]
+        shares = self._covisibility.shares(best, belief.places[others])
+        return float(belief.mass[is_same].sum() + belief.mass[others] @ shares)
 
     def _best_look(self, best: int, observed: Observation) -> int:
         """Return the strongest look of a place for the newest frame, or the place beside it."""

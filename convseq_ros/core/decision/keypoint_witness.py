@@ -4,7 +4,7 @@
 
 from functools import lru_cache
 
-from convseq_ros.core.encoding.keypoints import agreeing_blocks, Keypoints
+from convseq_ros.core.encoding.keypoints import agreeing_blocks, Keypoints, matched
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Doubles, Frame
 
@@ -19,10 +19,10 @@ class KeypointWitness:
 
         @lru_cache(_KEPT)
         def of_place(index: int) -> Keypoints | None:
-            stored = reference_map.keypoints(index)
+            stored = reference_map.keypoints(index) if most else None
             return None if stored is None else Keypoints.of_stored(stored)
 
-        self._of_place = of_place
+        self.of_place = of_place
 
     def keypoints(self, frame: Frame, descriptor: Descriptor) -> Keypoints | None:
         """Return the keypoints of a frame; None if it has none, or none are to be used."""
@@ -33,11 +33,11 @@ class KeypointWitness:
 
     def knows(self, place: int) -> bool:
         """Return whether keypoints of a place are to be used, and the map has some."""
-        return self._most > 0 and self._of_place(place) is not None
+        return self.of_place(place) is not None
 
     def blocks(self, query: Keypoints, place: int, motion: Doubles | None, side: int) -> int:
         """Return `agreeing_blocks` of a query and a place; 0 without keypoints or a motion."""
-        known = self._of_place(place)
+        known = self.of_place(place)
         if known is None or motion is None:
             return 0
-        return agreeing_blocks(query, known, motion, side)
+        return agreeing_blocks(matched(query, known), motion, side)

@@ -8,11 +8,12 @@ Two witnesses speak: cells (pair score and verification) and keypoints. What cou
 equation.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
 
 from convseq_ros.core.geometry.verification import Verification
-from convseq_ros.core.types import constants, Doubles, Flags
+from convseq_ros.core.types import constants, Doubles, Flags, Indices
 import numpy as np
 
 
@@ -159,22 +160,53 @@ class Likelihood:
         shared = (total[:, None] - CELLS.loss_per_place * evidence.distances).max(axis=0)
         return np.asarray(np.where(shared > 0, evidence.weight * shared, shared))
 
-    def leads(self, strengths: Doubles, scores: Doubles, is_rival: Flags) -> Leads:
+    def leads(
+        self,
+        strengths: Doubles,
+        scores: Doubles,
+        is_rival: Flags,
+        share: Callable[[int], float] = lambda _: 0.0,
+    ) -> Leads:
         """
         Return the leads of verified places (n,) over the best of the rivals among them.
 
-        Without a rival, strengths lead over 0, and pair scores over the highest of all. The scales
-        are those before the frame; then the gaps between its rivals update them.
+        If the strongest place is the true one, a rival that shows the share s of its scene, which
+        `share` returns by position, has s of its strength, and s of what its own pair score is
+        above the lowest of the rivals'. The rest is what speaks against the strongest place.
+        Without a rival, strengths lead over 0, and pair scores over the highest of all.
         """
+        rivals, strongest = np.flatnonzero(is_rival), strengths.max(initial=0.0)
+        lowest = scores[rivals].min(initial=math.inf)
+
+        def strength_left(at: int) -> float:
+            return max(0.0, float(strengths[at] - share(at) * strongest))
+
+        def score_left(at: int) -> float:
+            return float(scores[at] - share(at) * (scores[at] - lowest))
+
+        hardest = 2 * math.sqrt(_largest_rest(strengths, rivals, strength_left, 0.0))
+        ahead = _largest_rest(scores, rivals, score_left, -math.inf)
+        lead = (2 * np.sqrt(strengths) - hardest) / self._strength_scale.value
+        beats = (scores - (ahead if len(rivals) else scores.max())) / self._score_scale.value
+        return Leads(lead, beats.clip(-CELLS.most_scales, CELLS.most_scales))
+
+    def learn(self, strengths: Doubles, scores: Doubles, is_rival: Flags) -> None:
+        """Update the scales by the gaps between the rivals among verified places (n,)."""
         roots = 2 * np.sqrt(strengths)
-        hardest = roots[is_rival].max(initial=0.0)
-        lead = (roots - hardest) / self._strength_scale.value
-        ahead = scores - (scores[is_rival].max() if is_rival.any() else scores.max())
-        ahead /= self._score_scale.value
         for scale, best in ((self._strength_scale, roots), (self._score_scale, scores)):
             if (gap := gumbel_scale(best[is_rival])) is not None:
                 scale.add(gap)
-        return Leads(lead, ahead.clip(-CELLS.most_scales, CELLS.most_scales))
+
+
+def _largest_rest(
+    values: Doubles, positions: Indices, rest: Callable[[int], float], least: float
+) -> float:
+    """Return the largest rest of values (n,) at positions, at least `least`; a rest is smaller."""
+    for at in positions[np.argsort(-values[positions], kind='stable')].tolist():
+        if values[at] <= least:
+            break
+        least = max(least, rest(at))
+    return least
 
 
 def strength_of(result: Verification) -> float:

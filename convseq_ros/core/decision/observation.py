@@ -4,11 +4,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 import math
 
 from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.decision.comparison import COMPARED, Comparison, has_controls
+from convseq_ros.core.decision.covisibility import Covisibility
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.expected_lead import (
     keypoint_ratios,
@@ -50,8 +52,14 @@ class Observation:
 class Observer:
     """Turns what the frames of one camera's drive show into likelihood ratios of places."""
 
-    def __init__(self, matcher: Scorer, near: Neighbourhood, witness: KeypointWitness) -> None:
-        self._matcher, self._near = matcher, near
+    def __init__(
+        self,
+        matcher: Scorer,
+        near: Neighbourhood,
+        witness: KeypointWitness,
+        covisibility: Covisibility,
+    ) -> None:
+        self._matcher, self._near, self._covisibility = matcher, near, covisibility
         self._witness, self._likelihood = witness, Likelihood()
 
     def reset(self) -> None:
@@ -76,12 +84,16 @@ class Observer:
         is_rival = np.isin(examined, compared.peaks) & ~self._near.mask(examined, best)
         has_rivals = has_controls(self._near, compared.places, best) and bool(is_rival.any())
         scores = compared.scores[np.searchsorted(compared.places, examined)]
-        leads = self._likelihood.leads(strengths, scores, is_rival)
+        observed = strengths, scores, is_rival
+        leads = self._likelihood.leads(*observed)
         follows, chance = self._expected(query, belief, best)
         asked = dict[int, KeypointRatio]()
         by_cells = float(leads.cells[examined == best][0]) + gain_of(follows, chance)
         if by_cells < KEYPOINTS.surprising or not self._is_sure(query, belief, best):
+            shares = partial(self._covisibility.share, best)
+            leads = self._likelihood.leads(*observed, lambda at: shares(int(examined[at])))
             asked = self._asked(query, belief, strongest)
+        self._likelihood.learn(*observed)
         keypoints = self._by_keypoints(places, asked)
         at = np.searchsorted(places, examined)
         states = belief.states_at(examined, query.session_start)

@@ -10,8 +10,9 @@ Sources: Rublee et al. 2011 (ORB).
 """
 
 from dataclasses import dataclass
+import math
 
-from convseq_ros.core.types import constants, Doubles, Flags, Floats, Gray
+from convseq_ros.core.types import constants, Doubles, Flags, Floats, Gray, Shift
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -75,10 +76,14 @@ def detect(gray: Gray, visible: Flags, most: int) -> StoredKeypoints:
     return np.hstack((steps, descriptors))[:most]
 
 
-def matched(query: Keypoints, place: Keypoints) -> npt.NDArray[np.int64]:
-    """Return mutual best matches (m, 2) of two images that pass the ratio test."""
+def matched(query: Keypoints, place: Keypoints) -> Doubles:
+    """
+    Return mutual best matches of two images that pass the ratio test, (n, 4).
+
+    Columns: across and down in the query, then in the place, as shares of the image.
+    """
     if min(len(query.bits), len(place.bits)) < 2:
-        return np.zeros((0, 2), np.int64)
+        return np.zeros((0, 4))
     products = query.bits @ place.bits.T  # 256 less twice the Hamming distance
     best = products.argmax(axis=1)
     mutual = np.flatnonzero(products.argmax(axis=0)[best] == np.arange(len(best)))
@@ -86,32 +91,52 @@ def matched(query: Keypoints, place: Keypoints) -> npt.NDArray[np.int64]:
     others[np.arange(len(mutual)), best[mutual]] = -np.inf
     bits = query.bits.shape[1]
     clear = bits - found < ORB.ratio * (bits - others.max(axis=1))
-    return np.column_stack((mutual[clear], best[mutual[clear]]))
+    here = mutual[clear]
+    return np.hstack((query.shares[here], place.shares[best[here]]))
 
 
-def agreeing(query: Keypoints, place: Keypoints, motion: Doubles, side: int) -> Doubles:
+def common_shift(matches: Doubles, side: int) -> Shift:
     """
-    Return the matched keypoints that moved as the cells did, (n, 4).
+    Return the shift that most of the matches (n, 4) share, rows and columns in cells.
 
-    Columns: across and down in the query, then in the place, as shares of the image. `motion`
-    (2, 3) is that of `verification.motion`, of images of `side` x `side` regions.
+    It is the median of those within twice the tolerance of the match that most others are near.
     """
-    pairs = matched(query, place)
-    here, there = query.shares[pairs[:, 0]], place.shares[pairs[:, 1]]
+    moved = _moved(matches, side)
+    apart = np.hypot(*(moved[:, None] - moved).transpose(2, 0, 1))
+    is_near = apart < 2 * ORB.tolerance_cells
+    row, column = np.median(moved[is_near[is_near.sum(axis=1).argmax()]], axis=0)
+    return float(row), float(column)
+
+
+def agreeing(matches: Doubles, motion: Doubles, side: int) -> Doubles:
+    """
+    Return those of the matches (n, 4) that moved as the cells did.
+
+    `motion` (2, 3) is that of `verification.motion`, of images of `side` x `side` regions.
+    """
     cells = side + 2  # a region is three cells wide
-    across, down = ((here - 0.5) * cells / side).T
-    expected = np.column_stack((np.ones(len(pairs)), down, across)) @ motion.T
-    off = (there - here)[:, ::-1] * cells - expected
-    agrees = np.hypot(off[:, 0], off[:, 1]) < ORB.tolerance_cells
-    return np.hstack((here, there))[agrees]
+    across, down = ((matches[:, :2] - 0.5) * cells / side).T
+    expected = np.column_stack((np.ones(len(matches)), down, across)) @ motion.T
+    off = _moved(matches, side) - expected
+    return matches[np.hypot(off[:, 0], off[:, 1]) < ORB.tolerance_cells]
 
 
-def agreeing_blocks(query: Keypoints, place: Keypoints, motion: Doubles, side: int) -> int:
+def agreeing_by_chance(count: int, side: int) -> float:
+    """Return how many of `count` matches that moved anywhere in the image agree with a motion."""
+    return count * math.pi * (ORB.tolerance_cells / (side + 2)) ** 2
+
+
+def agreeing_blocks(matches: Doubles, motion: Doubles, side: int) -> int:
     """
-    Return in how many of 16 x 16 blocks of a query there is a keypoint of `agreeing`.
+    Return in how many of 16 x 16 blocks of a query there is one of the `agreeing` matches.
 
     Blocks are counted, not keypoints, so that a single object does not count like a scene.
     """
-    here = agreeing(query, place, motion, side)[:, :2]
+    here = agreeing(matches, motion, side)[:, :2]
     blocks = (here * ORB.blocks).astype(np.int64)
     return len(np.unique(blocks @ (ORB.blocks, 1)))
+
+
+def _moved(matches: Doubles, side: int) -> Doubles:
+    """Return by how many rows and columns of cells matches moved, (n, 2)."""
+    return (matches[:, 2:] - matches[:, :2])[:, ::-1] * (side + 2)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map, a drive, and what the belief accepts, on drawn images; and what bad input makes of it."""
 
+from types import SimpleNamespace
+
 from convseq_ros import build_map
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config, with_values
 from convseq_ros.core.compiled import available
@@ -22,7 +24,6 @@ STEP_NS = 10**8
 OWN = make_config({'image_size_px': 256, 'fixed_length': 4})
 ONLINE = with_values(OWN, {'mode': 'online'})
 RESTLESS = with_values(OWN, {'stationary_glance': 0.0, 'stationary_m': 0.0})
-TWO = with_values(RESTLESS, {'fixed_length': 2})
 both_searches = pytest.mark.parametrize(
     'config',
     [with_values(OWN, {'search': one}) for one in ('shortlist', 'exhaustive')],
@@ -276,20 +277,19 @@ def test_odometry_that_jumps_resets_or_stops_disturbs_a_few_frames_only(posed, d
     assert set(behind) <= ({0, 1, 2, 3} if stands else {0})
 
 
-@pytest.mark.parametrize('own', [False, True])
-def test_a_robot_that_leaves_a_place_of_its_drive_does_not_return_to_it(street, described, own):
-    recognizer = PlaceRecognizer(street, TWO)  # two frames are kept
-    if own:
-        recognizer.mapping.session_start = 0
-    reasons = []
-    for index, (place, seed) in enumerate(
-        [*((one, 1) for one in range(10, 21)), (20, 0), (20, 1)]
-    ):
-        match = recognizer.process(Frame(index * STEP_NS, None), described(place, seed))
-        reasons.append(match.reason)
-    # The last frame shows place 20 less than the one before, which is the map's.
-    assert set(reasons[4:-1]) == {Reason.ACCEPTED}
-    assert reasons[-1] is (Reason.RECENT if own else Reason.ACCEPTED)
+def test_places_that_show_the_scene_count_by_the_share_of_it(street):
+    decider, shares = PlaceRecognizer(street, OWN).decider, {20: 0.5, 30: 0.0}
+    believed = {3: 0.6, 20: 0.3, 30: 0.05}
+    decider._belief = SimpleNamespace(
+        places=np.array([*believed]), mass=np.array([*believed.values()])
+    )
+
+    def shares_of(place, others):
+        assert place == 3
+        return np.array([shares[one] for one in others.tolist()])
+
+    decider._covisibility = SimpleNamespace(shares=shares_of)
+    assert decider._shown(3, np.array([True, False, False])) == pytest.approx(0.75)
 
 
 def test_a_jump_between_two_keyframes_is_a_jump(posed, image):

@@ -121,6 +121,27 @@ def test_leads_are_measured_against_the_strongest_and_the_best_rival():
     assert leads.score.tolist() == pytest.approx([0.5, -0.5, 0])  # in 0.008
 
 
+def test_a_rival_that_shows_the_scene_has_a_share_of_it():
+    strengths, scores = np.array([100.0, 64.0, 16.0]), np.array([0.05, 0.042, 0.038])
+    shares = {1: 0.5, 2: 0.0}
+    leads = Likelihood().leads(strengths, scores, np.array([False, True, True]), shares.get)
+    # Of 64, 50 are explained, so 16 is the most that is left; of the score, half of .004.
+    assert leads.strength.tolist() == pytest.approx([20 - 8, 16 - 8, 0])
+    assert leads.score.tolist() == pytest.approx([0.01 / 0.008, 0.25, -0.25])
+
+
+def test_no_share_is_asked_of_a_rival_that_is_beaten_anyway():
+    asked = []
+
+    def share(at):
+        asked.append(at)
+        return 0.1
+
+    strengths, scores = np.array([100.0, 64.0, 49.0, 4.0]), np.array([0.2, 0.2, 0.1, 0.1])
+    leads = Likelihood().leads(strengths, scores, np.array([False, True, True, True]), share)
+    assert {*asked} == {1} and leads.strength[0] == pytest.approx(20 - 2 * 54**0.5)
+
+
 def test_without_rivals_the_score_lead_is_relative_to_the_best_place():
     leads = Likelihood().leads(np.array([120.0, 30.0]), np.array([0.3, 0.1]), np.zeros(2, bool))
     assert leads.strength.tolist() == pytest.approx([2 * 120**0.5, 2 * 30**0.5])
@@ -131,7 +152,7 @@ def test_the_gaps_between_rivals_are_the_scale_of_later_leads():
     strengths, rivals = np.array([100.0, 25.0, 16.0, 12.25]), np.array([False, True, True, True])
     scores = np.array([0.2, 0.10, 0.09, 0.08])
     likelihood = Likelihood()
-    likelihood.leads(strengths, scores, rivals)
+    likelihood.learn(strengths, scores, rivals)
     later = likelihood.leads(strengths, np.array([0.11, 0.10, 0.1, 0.1]), rivals)
     # Gaps of 2 and 1 in twice the roots, of 0.01 in the scores: scales of 2 and 0.015.
     scale = (0.95 * 10 * 1.0 + 2) / 10.5

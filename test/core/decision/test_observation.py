@@ -118,7 +118,7 @@ def scored(best=30, score=0.104, count=100, **more):
 
 
 def looked(reference_map, pairs, masses=None, start=NONE, told=None, listed=None, usable=None,
-    config=None, difference=0.0, novelty=1.0,
+    config=None, difference=0.0, novelty=1.0, shares=None,
 ):  # fmt: skip
     """Return an observation, and the log ratio of each place."""
     count = len(pairs.row)
@@ -126,7 +126,8 @@ def looked(reference_map, pairs, masses=None, start=NONE, told=None, listed=None
     near = Neighbourhood(reference_map)
     query, belief = query_of(pairs, usable, start, config), believing(masses, difference)
     compared = Comparer(coarse, pairs, near, 40).compare(query, belief.likeliest(BUDGET.peaks))
-    observer = Observer(pairs, near, told or Told())
+    seen = SimpleNamespace(share=lambda place, other: (shares or {}).get((place, other), 0.0))
+    observer = Observer(pairs, near, told or Told(), seen)
     observation = observer.observe(query, compared, belief, novelty)
     return observation, dict(
         zip(observation.places.tolist(), observation.log_ratios.tolist(), strict=True)
@@ -268,6 +269,21 @@ def test_looks_are_no_rivals(a_map):
     before = looked(whole, pairs)[1][30]
     whole.links.add(80, 30)
     assert looked(whole, pairs)[1][30] > before + 2
+
+
+def test_a_rival_that_shows_the_scene_of_the_strongest_place_speaks_less_against_it(a_map):
+    pairs = Pairs(scored(), {30: 100.0, 80: 90.0})
+    alone, half, whole, other_way = (
+        looked(a_map(100), pairs, shares=shares)[1][30]
+        for shares in (None, {(30, 80): 0.5}, {(30, 80): 1.0}, {(80, 30): 1.0})
+    )
+    assert alone + 1 < half < whole and other_way == alone
+
+
+def test_no_share_is_asked_where_the_belief_is_sure_and_cells_agree(a_map):
+    pairs = Pairs(scored(), {30: 100.0})
+    sure = looked(a_map(100), pairs, {30: 0.9999}, shares={(30, one): 1.0 for one in RIVALS})
+    assert sure[1] == looked(a_map(100), pairs, {30: 0.9999})[1]
 
 
 @pytest.mark.parametrize('count', [1, 3, 12, 16])

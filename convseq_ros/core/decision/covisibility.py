@@ -1,0 +1,98 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Covisibility: the share of a place's scene that another place of the map shows.
+
+Keypoints of the map's own images tell it, as images of one drive have one light; cells alone call
+alike places covisible. The share is that of the place's neighbours, which show nearly all of it.
+
+Sources: Mur-Artal et al. 2015 (ORB-SLAM: keyframes that share points are covisible).
+"""
+
+from functools import lru_cache, partial
+
+from convseq_ros.core.decision.keypoint_witness import KeypointWitness
+from convseq_ros.core.encoding.keypoints import (
+    agreeing_blocks,
+    agreeing_by_chance,
+    common_shift,
+    matched,
+)
+from convseq_ros.core.geometry.verification import motion
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.similarity.scorer import Scorer
+from convseq_ros.core.types import constants, Doubles, Indices
+import numpy as np
+
+_KEPT = 4_000  # pairs of places whose blocks are cached
+
+
+@constants
+class COVISIBLE:
+    """In how many blocks keypoints of two images agree; chosen on real drives (docs/NOTES.md)."""
+
+    # So many agree in images of other scenes, at most; more are a share of the scene.
+    by_chance: float = 6.0
+    # A place is out of view from at most this many blocks on, in this many places in a row and one
+    # more; on a straight of a running track, 4 blocks leave 4 closures with itself.
+    in_view: int = 3
+    bridged: int = 3
+
+
+class Covisibility:
+    """Which places of a map show the same scene; without keypoints, none shares any."""
+
+    def __init__(
+        self, reference_map: ReferenceMap, matcher: Scorer, witness: KeypointWitness
+    ) -> None:
+        self._map = reference_map
+        # Not a bound method: without a reference cycle, an unused map is freed at once.
+        self._blocks = lru_cache(_KEPT)(partial(_blocks, matcher, witness))
+
+    def share(self, place: int, other: int) -> float:
+        """Return the share of the scene of a place that another shows, in [0, 1]."""
+        chance = COVISIBLE.by_chance
+        first, end = self._map.bounds.span(place)
+        beside = [at for at in (place - 1, place + 1) if first <= at < min(end, len(self._map))]
+        whole = max([2 * chance, *(self._between(place, at) for at in beside)])
+        return min(1.0, max(0.0, (self._between(place, other) - chance) / (whole - chance)))
+
+    def shares(self, place: int, others: Indices) -> Doubles:
+        """Return the shares (n,) of the scene of a place that others (n,) show."""
+        return np.array([self.share(place, other) for other in others.tolist()])
+
+    def is_in_view(self, place: int) -> bool:
+        """
+        Return whether a place has been in view ever since it was added.
+
+        Places that show some of the newest one's scene lead back to it from there; what passes
+        before the camera may hide three in a row.
+        """
+        newest = seen = len(self._map) - 1
+        while seen > place:
+            next_ones = range(max(place, seen - 1 - COVISIBLE.bridged), seen)
+            shown = (one for one in next_ones if self._between(newest, one) > COVISIBLE.in_view)
+            if (before := next(shown, None)) is None:
+                return False
+            seen = before
+        return True
+
+    def _between(self, one: int, other: int) -> float:
+        return self._blocks(max(one, other), min(one, other))
+
+
+def _blocks(matcher: Scorer, witness: KeypointWitness, one: int, other: int) -> float:
+    """
+    Return in how many blocks the keypoints of two places agree, as their cells moved.
+
+    As many as would if they had moved anywhere in the image are left out.
+    """
+    here, there = witness.of_place(one), witness.of_place(other)
+    images = matcher.packed(one), matcher.packed(other)
+    if here is None or there is None or images[0] is None or images[1] is None:
+        return 0.0
+    matches, side = matched(here, there), images[0].side
+    if not len(matches):
+        return 0.0
+    moved = motion(images[0], images[1], common_shift(matches, side))
+    return agreeing_blocks(matches, moved, side) - agreeing_by_chance(len(matches), side)

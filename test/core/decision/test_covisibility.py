@@ -1,0 +1,107 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which share of a place's scene other places show, and what has been in view ever since."""
+
+from convseq_ros.app.map_builder import build_map
+from convseq_ros.config import make_config, with_values
+from convseq_ros.core.decision.belief_decider import BeliefDecider
+from convseq_ros.core.decision.covisibility import Covisibility
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Frame, Reason
+import cv2
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.once
+
+CONFIG = with_values(
+    make_config({'image_size_px': 256, 'keyframe_overlap': 1.0, 'threads': 1}),
+    {'stationary_glance': 0.0},
+)
+ONLINE = with_values(CONFIG, {'mode': 'online'})
+WIDE, HIGH = 320, 240
+
+
+def panorama(number, width=2000):
+    """Return a grey picture with corners everywhere, unlike those of other numbers."""
+    noise = np.random.default_rng(number).integers(0, 256, (HIGH // 8, width // 8), np.uint8)
+    return cv2.resize(noise, (width, HIGH), interpolation=cv2.INTER_CUBIC)
+
+
+def panned(number, start, step, count):
+    """Return images of a camera that pans over a panorama, from column `start` on."""
+    whole = panorama(number)
+    return [whole[:, start + step * at :][:, :WIDE] for at in range(count)]
+
+
+def shown(images):
+    return [Frame(at * 10**8, one) for at, one in enumerate(images)]
+
+
+def covisibility_of(images, config=CONFIG):
+    decider = PlaceRecognizer(build_map(shown(images), None, CONFIG), config).decider
+    assert isinstance(decider, BeliefDecider)
+    return decider._covisibility
+
+
+@pytest.fixture(scope='module')
+def pans() -> Covisibility:
+    """Return that of a drive that pans over one panorama and then over another."""
+    return covisibility_of(panned(1, 0, 20, 20) + panned(2, 0, 20, 20))
+
+
+def test_a_place_shows_the_scene_of_its_neighbours_and_less_and_less_of_others(pans):
+    shares = pans.shares(8, np.arange(8, 20))
+    assert shares[0] == 1 and shares[1] > 0.8
+    # Eight places on, half of the image is in view; its keypoints are those on the other side.
+    assert 0.2 < shares[8] < 0.6
+    assert (np.diff(shares[2:]) < 0.1).all() and shares[2] > shares[6] > shares[10] > 0
+
+
+def test_a_place_of_another_scene_shows_nothing(pans):
+    assert pans.shares(8, np.arange(20, 40)).max() < 0.05
+
+
+def test_without_keypoints_no_place_shows_another(pans):
+    without = covisibility_of(panned(1, 0, 20, 12), with_values(CONFIG, {'keypoints': 0}))
+    assert not without.shares(5, np.arange(12)).any()
+    dark = covisibility_of([np.zeros((HIGH, WIDE), np.uint8)] * 12)
+    assert not dark.shares(5, np.arange(12)).any() and not dark.is_in_view(0)
+
+
+@pytest.mark.parametrize('count', [1, 2, 3])
+def test_a_map_of_few_places_has_shares(count):
+    few = covisibility_of(panned(1, 0, 20, count))
+    assert few.shares(0, np.arange(count)).min() > 0.8
+
+
+def test_a_view_that_pans_slowly_is_in_view_all_along(pans):
+    slow = covisibility_of(panned(1, 0, 4, 40))
+    assert slow.is_in_view(0)
+    # With the second panorama before them, places of the first are long out of view.
+    assert not pans.is_in_view(8)
+
+
+def test_a_scene_that_returns_after_others_was_not_in_view():
+    back = covisibility_of(panned(1, 0, 4, 20) + panned(2, 0, 4, 12) + panned(1, 0, 4, 4))
+    assert not back.is_in_view(2)
+    short = covisibility_of(panned(1, 0, 4, 20) + panned(2, 0, 4, 3) + panned(1, 0, 4, 4))
+    assert short.is_in_view(2)  # something passes before the camera
+
+
+def test_a_robot_that_stands_before_one_view_recognises_none_of_its_own_past():
+    """People pass, and lights flicker: the keyframes differ, and the scene behind stays."""
+    rng, (view,) = np.random.default_rng(0), panned(3, 0, 0, 1)
+    images = panned(4, 0, 40, 30)
+    for at in range(80):
+        light = view * (1 + 0.12 * np.sin(0.9 * at)) + rng.normal(0, 4, view.shape)
+        image = light.clip(0, 255).astype(np.uint8)
+        for person in range(3):
+            x = (at * 37 + person * 131) % 420 - 50
+            cv2.rectangle(image, (x, 90), (x + 45, HIGH), 60 + 60 * person, -1)
+        images.append(image)
+    recognizer = PlaceRecognizer(build_map([], None, ONLINE), ONLINE)
+    matches = [recognizer.process(frame) for frame in shown(images)]
+    assert len(recognizer.reference_map) > 60
+    assert Reason.RECENT in {match.reason for match in matches[60:]}
+    assert not any(match.accepted for match in matches)
