@@ -28,6 +28,7 @@ from convseq_ros.core.decision import (
     belief,
     budget,
     comparison,
+    covisibility,
     expected_lead,
     light,
     likelihood,
@@ -46,7 +47,8 @@ from real_drives import in_other_light
 
 RECORDS = {
     'CELLS': likelihood.CELLS, 'COPIES': likelihood.COPIES, 'KEYPOINTS': expected_lead.KEYPOINTS,
-    'COMPARED': comparison.COMPARED, 'BELIEF': belief.BELIEF,
+    'COMPARED': comparison.COMPARED, 'COVISIBLE': covisibility.COVISIBLE,
+    'BELIEF': belief.BELIEF,
     'MOTION': motion.MOTION, 'LIGHT': light.LIGHT, 'BUDGET': budget.BUDGET,
 }  # fmt: skip
 FLOOR = 0.001  # of a probability: an answer cannot be more wrong than this

@@ -19,6 +19,7 @@ from convseq_ros.core.encoding.keypoints import (
     matched,
 )
 from convseq_ros.core.geometry.verification import motion
+from convseq_ros.core.graph.neighbourhood import SAME_PLACE
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.scorer import Scorer
 from convseq_ros.core.types import constants, Doubles, Indices
@@ -32,11 +33,8 @@ class COVISIBLE:
     """In how many blocks keypoints of two images agree; chosen on real drives (docs/NOTES.md)."""
 
     # So many agree in images of other scenes, at most; more are a share of the scene.
-    by_chance: float = 6.0
-    # A place is out of view from at most this many blocks on, in this many places in a row and one
-    # more; on a straight of a running track, 4 blocks leave 4 closures with itself.
-    in_view: int = 3
-    bridged: int = 3
+    by_chance: float = 5.0
+    in_view: int = 3  # at most so many agree with a place that is out of view
 
 
 class Covisibility:
@@ -65,12 +63,12 @@ class Covisibility:
         """
         Return whether a place has been in view ever since it was added.
 
-        Places that show some of the newest one's scene lead back to it from there; what passes
-        before the camera may hide three in a row.
+        Places that show some of the newest one's scene lead back to it from there, none further
+        from the next than what counts as the same place: something may pass before the camera.
         """
         newest = seen = len(self._map) - 1
         while seen > place:
-            next_ones = range(max(place, seen - 1 - COVISIBLE.bridged), seen)
+            next_ones = range(max(place, seen - SAME_PLACE), seen)
             shown = (one for one in next_ones if self._between(newest, one) > COVISIBLE.in_view)
             if (before := next(shown, None)) is None:
                 return False
