@@ -15,7 +15,7 @@ from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources.annotated_frames import AnnotatedFrames, CameraOf
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.folder import ImageFolder
-from convseq_ros.sources.mount import as_parameter, mount_of, Tf
+from convseq_ros.sources.mount import as_parameter, looks_up, mount_of, Tf
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
 from convseq_ros.sources.pose_track import PoseTrack
 from convseq_ros.sources.recording import (
@@ -129,6 +129,9 @@ def _mount(
     if lens is None:
         said = '' if tf.camera_to_base else '; name another --base-frame, or give --camera-to-base'
         tf.tell(f'{path}: /tf_static has no way from {tf.base_frame} to {optical_frame}{said}')
+        return None
+    if not tf.camera_to_base and (line := looks_up(lens, optical_frame)):
+        tf.tell(f'{path}: {line}')
         return None
     mount = mount_of(lens)
     by_tf = f'"{as_parameter(mount)}", as /tf_static places {optical_frame} in {tf.base_frame}'

@@ -19,6 +19,7 @@ _COLUMNS = {9: 3, 12: 4, 16: 4}  # by the numbers of a matrix
 _BETWEEN = re.compile(r'[][,;]')  # its numbers, but for blanks
 # Focal lengths, and distances of the centre, in sides of the image: no lens is beyond.
 _SHORTEST, _LONGEST = 1e-3, 1e6
+_RIM = 0.1  # share of an image's side; the centre of a lens is not there, but for cut images
 
 
 def read_camera_file(
@@ -133,10 +134,19 @@ def camera_from_info(message: Any) -> Camera | None:
     across, down = message.binning_x or 1, message.binning_y or 1
     width, height = max(1, width // across), max(1, height // down)
     fx, fy, cx, cy = fx / across, fy / down, cx / across, cy / down
-    focal, centre = (fx / width, fy / height), (abs(cx) / width, abs(cy) / height)
+    focal, centre = (fx / width, fy / height), (cx / width, cy / height)
     # Also false for NaN.
-    if not all([*(_SHORTEST <= f <= _LONGEST for f in focal), *(c <= _LONGEST for c in centre)]):
+    if not all(
+        [*(_SHORTEST <= f <= _LONGEST for f in focal), *(abs(c) <= _LONGEST for c in centre)]
+    ):
         raise impossible
+    is_cut = part.width and part.height
+    if not is_cut and not all(_RIM <= share <= 1 - _RIM for share in centre):
+        raise SourceError(
+            f'camera_info: the centre of the lens is at {cx:g}, {cy:g} px of {width} x {height}, '
+            'at the rim: K is of another size, or part of the image is cut off; scale K, or set '
+            'roi'
+        )
     return Camera(width, height, fx, fy, cx, cy, model, distortion)
 
 

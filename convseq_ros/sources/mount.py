@@ -13,6 +13,8 @@ from convseq_ros.core.types import Pose
 from convseq_ros.sources.pose_track import pose_from_message
 import numpy as np
 
+_UP = math.cos(math.radians(20))  # of the angle between straight up and a lens that looks there
+
 
 @dataclass(frozen=True, slots=True)
 class Tf:
@@ -32,6 +34,16 @@ def pose_of_transform(transform: Any) -> Pose | None:
 def mount_of(lens: Pose) -> Pose:
     """Return the mount of a camera, x along its lens, from the pose of its optical frame."""
     return pose_of(matrix(lens) @ inverse(ROBOT_LENS))
+
+
+def looks_up(lens: Pose, frame: str) -> str:
+    """Return a line if the z of an optical frame is up, as a body's frame has it; else nothing."""
+    if matrix(lens)[2, 2] < _UP:
+        return ''
+    return (
+        f'{frame} is no optical frame, whose z is ahead: the lens would look straight up, so it '
+        'is not used; give camera_info the optical frame, or set camera_to_base'
+    )
 
 
 def as_parameter(mount: Pose) -> str:

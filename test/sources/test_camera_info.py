@@ -43,6 +43,19 @@ def test_an_impossible_calibration_is_refused_in_one_line(change):
     assert '\n' not in str(caught.value)
 
 
+@pytest.mark.parametrize('centre', [(640.0, 480.0), (320.0, 20.0), (-1.0, 240.0)])
+def test_a_calibration_of_another_size_is_told_by_its_centre_at_the_rim(centre):
+    k = (500.0, 0.0, centre[0], 0.0, 510.0, centre[1], 0.0, 0.0, 1.0)
+    with pytest.raises(SourceError, match='at the rim: K is of another size') as caught:
+        camera_from_info(info(k=k))
+    assert f'{centre[0]:g}, {centre[1]:g} px of 640 x 480' in str(caught.value)
+
+
+def test_the_centre_of_a_part_that_is_cut_out_may_lie_anywhere():
+    part = camera_from_info(info(roi=(0, 300, 180, 640)))
+    assert (part.height_px, part.cy_px) == (180, -60.0)
+
+
 @pytest.mark.parametrize(
     ('named', 'count', 'taken'),
     [('plumb_bob', 8, 'rational_polynomial'), ('rational_polynomial', 5, 'plumb_bob')],

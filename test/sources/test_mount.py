@@ -33,6 +33,7 @@ SIDEWAYS = tf(
     transform('mast', 'camera_link', (0.1, 0.5, 0.0), TO_THE_LEFT),
     transform('camera_link', 'camera_optical', turn=AS_A_LENS),
 )
+OF_BODY = tf(transform('base_link', 'camera_optical', (0.3, 0.0, 0.9), TO_THE_LEFT))
 MOUNT = '0.3 0.5 0.9 0 0 1.5708'  # metres and radians
 
 
@@ -85,6 +86,28 @@ def test_a_camera_that_looks_sideways_has_the_mount_of_tf_static(opened, layout,
 )  # fmt: skip
 def test_a_given_mount_overrides_tf_static_and_a_missing_transform_is_reported(opened, how, told):
     assert opened(SIDEWAYS, **how) == (None, told)
+
+
+def test_a_body_frame_where_an_optical_one_belongs_is_told_and_not_used(opened):
+    """As Gazebo publishes it: x is ahead in `camera_link`, so the lens would look straight up."""
+    mount, (line,) = opened(OF_BODY)
+    assert mount is None and line.startswith('camera_optical is no optical frame')
+    assert 'straight up' in line and 'set camera_to_base' in line
+
+
+def test_a_given_mount_overrides_a_frame_that_is_no_optical_one(opened):
+    assert 'as given' in opened(OF_BODY, camera_to_base='0 0 0 0 0 0')[1][0]
+
+
+@pytest.mark.parametrize('degrees', [45, 60, -90])
+def test_a_camera_that_looks_up_a_little_or_down_is_used(opened, degrees):
+    pitched = of_roll_pitch_yaw((0.0, 0.0, 0.0), 0.0, math.radians(-degrees), 0.0)
+    up = tf(
+        transform('base_link', 'camera_link', turn=pitched.orientation),
+        transform('camera_link', 'camera_optical', turn=AS_A_LENS),
+    )
+    mount, told = opened(up)
+    assert mount is not None and told[0].startswith('camera_to_base is')
 
 
 @pytest.mark.parametrize(

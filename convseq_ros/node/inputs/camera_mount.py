@@ -5,7 +5,7 @@
 from typing import Any
 
 from convseq_ros.core.types import Pose
-from convseq_ros.sources.mount import as_parameter, mount_of, pose_of_transform
+from convseq_ros.sources.mount import as_parameter, looks_up, mount_of, pose_of_transform
 from rclpy.node import Node
 from rclpy.time import Time
 
@@ -15,7 +15,7 @@ class Mount:
 
     def __init__(self, node: Node, base_frame: str) -> None:
         self._logger, self._base_frame = node.get_logger(), base_frame
-        self._poses: dict[str, Pose] = {}
+        self._poses: dict[str, Pose | None] = {}
         self._buffer: Any = None
         try:
             from tf2_ros import Buffer, TransformListener
@@ -32,9 +32,17 @@ class Mount:
                 transform = self._buffer.lookup_transform(*frames).transform
                 lens = pose_of_transform(transform)
                 if lens is not None:
-                    self._poses[optical_frame] = mount_of(lens)
-                    self._logger.info(
-                        f'camera_to_base is "{as_parameter(self._poses[optical_frame])}", as TF '
-                        f'places {optical_frame} in {self._base_frame}'
-                    )
+                    self._poses[optical_frame] = self._told(lens, optical_frame)
         return self._poses.get(optical_frame)
+
+    def _told(self, lens: Pose, frame: str) -> Pose | None:
+        """Return the mount of a lens, and tell it; None if its frame is no optical one."""
+        if line := looks_up(lens, frame):
+            self._logger.warning(line)
+            return None
+        mount = mount_of(lens)
+        self._logger.info(
+            f'camera_to_base is "{as_parameter(mount)}", as TF places {frame} in '
+            f'{self._base_frame}'
+        )
+        return mount
