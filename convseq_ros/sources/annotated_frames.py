@@ -32,10 +32,10 @@ class AnnotatedFrames:
 
     def __iter__(self) -> Iterator[Frame]:
         described: Camera | None = None
-        index, has_pose = -1, False
+        index, with_pose = -1, 0
         for index, frame in enumerate(self.source):
             pose = self.pose_at(index, frame.stamp_ns) if self.pose_at else None
-            has_pose |= pose is not None
+            with_pose += pose is not None
             camera = None
             if self.camera_of and frame.gray is not None:
                 if described is None:
@@ -43,10 +43,11 @@ class AnnotatedFrames:
                     self._warn(misfit(described, *frame.gray.shape))
                 camera = fitted(described, *frame.gray.shape)
             yield replace(frame, pose=pose, camera=camera)
-        if self.poses_of and index >= 0 and not has_pose:
+        if self.poses_of and 2 * with_pose <= index:
+            of_images = f'{with_pose or "no"} pose{"s" * (with_pose > 1)} at the times of'
             self._warn(
-                f'{self.poses_of} has no pose at the time of an image; check that it covers the '
-                'drive, and that both clocks agree'
+                f'{self.poses_of} has {of_images} {index + 1} images; check that it covers the '
+                'drive, that both clocks agree, and that poses are at most 1.5 s apart'
             )
 
     def _warn(self, line: str) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from convseq_ros.core.types import constants, Pose, ROBOT
 import numpy as np
 
-LONGEST_GAP_NS = 1_000_000_000
+LONGEST_GAP_NS = 1_500_000_000  # poses once a second, and jitter
 _FURTHEST_NS = 100_000_000
 _CLOCK_JUMP_NS = 1_000_000_000
 _NEARLY_PARALLEL = 0.9995
@@ -29,7 +29,7 @@ class PoseTrack:
     Poses in order of time, interpolated between neighbours, and extrapolated up to 0.1 s.
 
     Stamps are nanoseconds, ascending. At least the newest `kept` poses are stored, by default all.
-    There is no pose between two that are more than a second apart. Poses that jump are kept only
+    There is no pose between two that are more than 1.5 s apart. Poses that jump are kept only
     if none of the next few comes back: those of a reset are, outliers are left out. `stamped` are
     the poses of a whole drive: those that jump at its end are left out, too.
     """

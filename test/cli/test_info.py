@@ -164,7 +164,7 @@ def test_poses_of_another_time_are_reported(drive, capsys, tmp_path):
     poses = tmp_path / 'poses.txt'
     poses.write_text('1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n')
     assert main(['build-map', str(drive), str(tmp_path / 'm.db'), '--poses', str(poses)]) == 0
-    assert 'poses.txt has no pose at the time of an image' in capsys.readouterr().err
+    assert 'poses.txt has no pose at the times of' in capsys.readouterr().err
 
 
 def test_the_picture_of_a_straight_street_has_a_height(tmp_path):

@@ -8,9 +8,10 @@ import re
 import sys
 from types import SimpleNamespace
 
-from convseq_ros.core.types import Pose
+from convseq_ros.core.types import Frame, Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.sources import in_order, open_annotated
+from convseq_ros.sources.annotated_frames import AnnotatedFrames
 from convseq_ros.sources.pose_file import read_pose_file
 from convseq_ros.sources.pose_track import pose_from_message, PoseTrack
 import cv2
@@ -349,6 +350,33 @@ def test_there_is_no_pose_before_after_or_in_a_long_gap():
     track = PoseTrack([(SECOND, pose(0)), (3 * SECOND, pose(2))])
     assert [track.at(stamp) for stamp in (0, 2 * SECOND, 4 * SECOND)] == [None] * 3
     assert PoseTrack([]).at(0) is None
+
+
+def test_poses_once_a_second_with_jitter_leave_no_gap():
+    track = PoseTrack([(0, pose(0)), (SECOND + 5_000_000, pose(1)), (2 * SECOND, pose(2))])
+    assert all(track.at(stamp) for stamp in range(0, 2 * SECOND, SECOND // 10))
+
+
+class Shown(list):
+    """Stands in for a source of frames."""
+
+    name = topic = ''
+
+    def __init__(self, count):
+        super().__init__(Frame(at, np.zeros((4, 4), np.uint8)) for at in range(count))
+        self.warnings = []
+
+
+@pytest.mark.parametrize(
+    ('known', 'said'),
+    [(0, 'no pose at the times of 5 images'), (2, '2 poses at the times of 5 images'), (3, '')],
+)
+def test_a_drive_of_which_most_images_have_no_pose_says_so(known, said):
+    source = Shown(5)
+    found = AnnotatedFrames(source, lambda at, _: pose(at) if at < known else None, None, '/odom')
+    assert sum(frame.pose is not None for frame in found) == known
+    assert len(source.warnings) == bool(said)
+    assert all(line.startswith(f'/odom has {said}; check') for line in source.warnings)
 
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'howto' / 'satellite_fixes.md'
