@@ -20,6 +20,7 @@ from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Observation, Observer
 from convseq_ros.core.decision.odometry_jump import OdometryJumps
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
+from convseq_ros.core.geometry.verification import NOTHING
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
@@ -55,6 +56,7 @@ class BeliefDecider(Decider):
         self._prior = OdometryPrior(reference_map, robot, config.online.grows)
         witness = KeypointWitness(reference_map, keypoints)
         self._comparer = Comparer(coarse, matcher, self._near, matching.shortlist_length)
+        self._matcher, self._witness = matcher, witness
         self._covisibility = Covisibility(reference_map, matcher, witness)
         self._observer = Observer(matcher, self._near, witness, self._covisibility)
 
@@ -127,7 +129,7 @@ class BeliefDecider(Decider):
         is_sure = confidence >= config.min_confidence
         if is_sure and self._both_deny(is_same, observed):
             reason = Reason.WEAK
-        elif is_sure and best >= query.session_start and self._covisibility.is_in_view(best):
+        elif is_sure and best >= query.session_start and self._is_in_view(best, query):
             reason = Reason.RECENT
         elif is_sure and not self._prior.is_denied(best, query.session_start):
             if observed.asked:
@@ -158,6 +160,22 @@ class BeliefDecider(Decider):
         held = belief.mass[is_same]
         predicted = held * np.exp(-log_ratios)  # up to a factor
         return bool(held.sum() < _DENIED * predicted.sum())
+
+    def _is_in_view(self, place: int, query: Query) -> bool:
+        """
+        Return whether a place of the drive has been in view ever since.
+
+        Without keypoints, the robot leaves it if the oldest frame of the buffer shows it more than
+        the newest one.
+        """
+        if self._witness.knows(place):
+            return self._covisibility.is_in_view(place)
+        known = [one.features for one in query.buffer.frames if one.features is not None]
+        newest, oldest = (
+            self._matcher.verified(features, [place]).get(place, NOTHING)
+            for features in (known[0], known[-1])
+        )
+        return strength_of(newest) < strength_of(oldest)
 
     def _shown(self, best: int, is_same: Flags) -> float:
         """

@@ -24,6 +24,7 @@ STEP_NS = 10**8
 OWN = make_config({'image_size_px': 256, 'fixed_length': 4})
 ONLINE = with_values(OWN, {'mode': 'online'})
 RESTLESS = with_values(OWN, {'stationary_glance': 0.0, 'stationary_m': 0.0})
+TWO = with_values(RESTLESS, {'fixed_length': 2})
 both_searches = pytest.mark.parametrize(
     'config',
     [with_values(OWN, {'search': one}) for one in ('shortlist', 'exhaustive')],
@@ -275,6 +276,24 @@ def test_odometry_that_jumps_resets_or_stops_disturbs_a_few_frames_only(posed, d
     start = 3 + (first if len(jumps) > 2 else max(jumps) + 1)
     behind = np.array(shown_places[start:]) - accepted(matches[start:])
     assert set(behind) <= ({0, 1, 2, 3} if stands else {0})
+
+
+@pytest.mark.parametrize('own', [False, True])
+def test_without_keypoints_a_robot_that_leaves_a_place_does_not_return_to_it(
+    street, described, own
+):
+    recognizer = PlaceRecognizer(street, TWO)  # two frames are kept
+    if own:
+        recognizer.mapping.session_start = 0
+    reasons = []
+    for index, (place, seed) in enumerate(
+        [*((one, 1) for one in range(10, 21)), (20, 0), (20, 1)]
+    ):
+        match = recognizer.process(Frame(index * STEP_NS, None), described(place, seed))
+        reasons.append(match.reason)
+    # The last frame shows place 20 less than the one before, which is the map's.
+    assert set(reasons[4:-1]) == {Reason.ACCEPTED}
+    assert reasons[-1] is (Reason.RECENT if own else Reason.ACCEPTED)
 
 
 def test_places_that_show_the_scene_count_by_the_share_of_it(street):
