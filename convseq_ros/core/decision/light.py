@@ -28,7 +28,7 @@ class Light:
     The light of one camera's drive, and of the places of its map; without `is_read` it is unknown.
 
     A place of an earlier drive was seen in the mean light of its session; a place of the running
-    drive in that of the frames around it.
+    drive in the same light as the newest frame.
     """
 
     def __init__(self, reference_map: ReferenceMap, is_read: bool) -> None:
@@ -40,8 +40,6 @@ class Light:
         """Forget the drive."""
         self._now: Doubles | None = None
         self._frames = 0
-        # Of the running drive: number of places of the map at a frame, and the brightness then.
-        self._begun, self._then = list[int](), list[Doubles]()
 
     def observe(self, frame: Frame, descriptor: Descriptor) -> None:
         """Take in the brightness of the newest frame."""
@@ -56,9 +54,6 @@ class Light:
             self._now, self._frames = new, 0  # as where a tunnel begins
         memory = min(self._frames + 1, LIGHT.frames)
         self._now = self._now + (new - self._now) / memory
-        if self._frames % LIGHT.frames == 0:
-            self._begun.append(len(self._map))
-            self._then.append(self._now)
         self._frames += 1
 
     def differences(self, places: Indices, earlier: int) -> Doubles:
@@ -67,24 +62,22 @@ class Light:
 
         It is the mean difference of logarithms of brightness. Measured: .05 by day, .2 in
         corridor, .3 in the evening, .6 in rain, .9 at night. The first `earlier` places are those
-        of earlier drives. Others were seen in the same light, so the difference is 0, unless it is
-        one as of day and night, `KEYPOINTS.dark`: below, scenes along a drive differ as much.
+        of earlier drives. Others were seen in the same light: the difference is 0. Brightness
+        cannot tell night from shade there, which differs by as much along a walk by day.
         """
         is_earlier = places < earlier
         if self._now is None:
             return np.where(is_earlier, np.inf, 0.0)
         firsts, _ = self._map.bounds.spans(places)
-        of_session = np.broadcast_to(firsts, places.shape)
-        of_drive = np.searchsorted(self._begun, places, 'right') - 1
-        key = np.where(is_earlier, -1 - of_session, np.maximum(of_drive, 0))
-        kinds, which = np.unique(key, return_inverse=True)
-        found = np.array([self._difference(kind) for kind in kinds.tolist()])[which]
-        return np.where(is_earlier | (found >= KEYPOINTS.dark), found, 0.0)
+        found = np.zeros(len(places))
+        for first in np.unique(np.broadcast_to(firsts, places.shape)[is_earlier]).tolist():
+            found[is_earlier & (firsts == first)] = self._difference(first)
+        return found
 
-    def _difference(self, kind: int) -> float:
-        """Return the difference from stretch `kind` of the drive, or from session -1 - `kind`."""
+    def _difference(self, first: int) -> float:
+        """Return the difference from the session that begins with a place."""
         assert self._now is not None
-        then = self._then[kind] if kind >= 0 else self._of_session(-1 - kind)
+        then = self._of_session(first)
         return np.inf if then is None else float(abs(self._now - then).mean())
 
     def _of_session(self, first: int) -> Doubles | None:
