@@ -87,7 +87,7 @@ def decoders() -> dict[str, Decoder]:
             _in_file('set.yaml', lambda path: read_data_set(path, path.parent)),
         ),
         'camera file': Decoder(
-            [_CAMERA, b'P0: ' + b'1 ' * 12],
+            [_CAMERA, b'P0: 50 0 32 0 0 50 24 0 0 0 1 0\n'],
             _in_file('camera.yaml', lambda path: read_camera_file(path, 48, 64)),
         ),
         'pose file': Decoder(
