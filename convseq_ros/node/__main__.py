@@ -7,6 +7,8 @@ import signal
 import sys
 from typing import NoReturn
 
+_ENDING = signal.SIGINT, signal.SIGTERM
+
 _USAGE = """\
 usage: vpr_node [--ros-args [-p NAME:=VALUE]... [--params-file FILE] [-r image:=TOPIC]...]
 
@@ -43,7 +45,7 @@ def pose_graph_main() -> NoReturn:
 
 def _start(name: str, usage: str) -> NoReturn:
     # Until the node handles them: while NumPy is imported, an exception would become its own.
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in _ENDING:
         signal.signal(number, lambda *_: os._exit(0))
     if {'-h', '--help'} & set(sys.argv[1:]):
         print(usage)
@@ -59,7 +61,11 @@ def _start(name: str, usage: str) -> NoReturn:
         from convseq_ros.errors import NEEDS_ROS
 
         sys.exit(f'{name}: {NEEDS_ROS}')
-    sys.exit(import_module(f'convseq_ros.node.{name}').main())
+    code = import_module(f'convseq_ros.node.{name}').main()
+    # Python takes its own handlers back before it ends: a second Ctrl-C would then kill it.
+    for number in _ENDING:
+        signal.signal(number, signal.SIG_IGN)
+    sys.exit(code)
 
 
 def _describe(name: str) -> None:
