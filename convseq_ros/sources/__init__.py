@@ -15,7 +15,7 @@ from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources.annotated_frames import AnnotatedFrames, CameraOf
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.folder import ImageFolder
-from convseq_ros.sources.mount import as_parameter, looks_up, mount_of, Tf
+from convseq_ros.sources.mount import as_parameter, mount_of, problem_of_lens, Tf
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
 from convseq_ros.sources.pose_track import PoseTrack
 from convseq_ros.sources.recording import (
@@ -130,7 +130,7 @@ def _mount(
         said = '' if tf.camera_to_base else '; name another --base-frame, or give --camera-to-base'
         tf.tell(f'{path}: /tf_static has no way from {tf.base_frame} to {optical_frame}{said}')
         return None
-    if not tf.camera_to_base and (line := looks_up(lens, optical_frame)):
+    if not tf.camera_to_base and (line := problem_of_lens(lens, optical_frame)):
         tf.tell(f'{path}: {line}')
         return None
     mount = mount_of(lens)

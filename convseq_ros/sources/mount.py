@@ -36,8 +36,8 @@ def mount_of(lens: Pose) -> Pose:
     return pose_of(matrix(lens) @ inverse(ROBOT_LENS))
 
 
-def looks_up(lens: Pose, frame: str) -> str:
-    """Return a line if the z of an optical frame is up, as a body's frame has it; else nothing."""
+def problem_of_lens(lens: Pose, frame: str) -> str:
+    """Return a line if a lens frame has its z up, as a body's frame has it; else nothing."""
     if matrix(lens)[2, 2] < _UP:
         return ''
     return (

@@ -16,7 +16,7 @@ class BUDGET:
     first_listed: int = 400  # in the first frames: listed by the newest frame alone
     # The listed places that get a full pair score, the best by rough scores. On `laps`,
     # 8 lose 2 % of the matches, and 16 gain nothing.
-    scored: int = 12
+    scored: int = 12  # also the likeliest other places that count by their share of a scene
     first_scored: int = 30  # in the first frames
     peaks: int = 6  # best by pair score, apart from each other: they are verified. As many places,
     # the likeliest by the predicted belief, are always scored ...
@@ -29,5 +29,6 @@ class BUDGET:
     doubt: float = 0.1
     seen: int = 60  # images of a session, evenly spread, whose brightness is read
     least: float = 1e-9  # mass below which a place is dropped
-    shares_from: float = 1e-3  # mass from which on a place shares with its looks
+    # Mass from which on a place shares with its looks, or counts by its share of a scene.
+    shares_from: float = 1e-3
     widest: float = 20.0  # places; a larger sigma of the motion is cut off at 3 times this

@@ -4,7 +4,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 import math
 
 from convseq_ros.core.decision.belief import Belief
@@ -90,8 +89,8 @@ class Observer:
         asked = dict[int, KeypointRatio]()
         by_cells = float(leads.cells[examined == best][0]) + gain_of(follows, chance)
         if by_cells < KEYPOINTS.surprising or not self._is_sure(query, belief, best):
-            shares = partial(self._covisibility.share, best)
-            leads = self._likelihood.leads(*observed, lambda at: shares(int(examined[at])))
+            share = self._covisibility.share
+            leads = self._likelihood.leads(*observed, lambda at: share(best, int(examined[at])))
             asked = self._asked(query, belief, strongest)
         self._likelihood.learn(*observed)
         keypoints = self._by_keypoints(places, asked)

@@ -5,7 +5,7 @@
 from typing import Any
 
 from convseq_ros.core.types import Pose
-from convseq_ros.sources.mount import as_parameter, looks_up, mount_of, pose_of_transform
+from convseq_ros.sources.mount import as_parameter, mount_of, pose_of_transform, problem_of_lens
 from rclpy.node import Node
 from rclpy.time import Time
 
@@ -37,7 +37,7 @@ class Mount:
 
     def _told(self, lens: Pose, frame: str) -> Pose | None:
         """Return the mount of a lens, and tell it; None if its frame is no optical one."""
-        if line := looks_up(lens, frame):
+        if line := problem_of_lens(lens, frame):
             self._logger.warning(line)
             return None
         mount = mount_of(lens)
