@@ -48,8 +48,6 @@ def _nodes(context: Any, vpr: dict[str, Any], known: list[str], names: list[str]
     if given('publish_tf').lower() == 'true':
         raise ConfigError('publish_tf: pose_graph_node broadcasts map -> odom; leave it out')
     chosen = {name: given(name) for name in GRAPH if given(name)}
-    if given('map_path') and 'graph_file' not in chosen:
-        chosen['graph_file'] = given('map_path') + '.graph'
     values: dict[str, Any] = {
         name: ParameterValue(GRAPH[name].parse(text), value_type=GRAPH[name].type)
         for name, text in chosen.items()

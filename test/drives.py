@@ -72,7 +72,7 @@ def _read(path: Path) -> list[Shot]:
 
 
 def _pose(stored: dict[str, Any] | None) -> Pose | None:
-    return stored and Pose(**{name: tuple(numbers) for name, numbers in stored.items()})
+    return stored and Pose(tuple(stored['position']), tuple(stored['orientation']))
 
 
 def _camera(stored: dict[str, Any] | None) -> Camera | None:

@@ -35,16 +35,17 @@ def test_without_arguments_a_map_is_made_online(launched):
     assert graph['remappings'] == []
 
 
-def test_the_graph_lies_beside_the_map_and_its_parameters_are_arguments(launched):
+def test_both_nodes_get_the_map_and_the_graphs_parameters_are_arguments(launched):
     chosen, graph = launched(
         map_path='home.db', mode='preloaded', odom='/wheels', use_sim_time='true',
         namespace='robot1', odometry_sigma_m='0.2', map_frame='site', respawn='true',
         log_level='debug',
     )  # fmt: skip
     assert chosen['mode'] == 'preloaded' and chosen['map_frame'] == 'site'
+    assert chosen['map_path'] == 'home.db'
     assert graph['respawn'] and graph['ros_arguments'] == ['--log-level', 'debug']
     assert graph['parameters'] == [
-        {'map_frame': 'site', 'odometry_sigma_m': 0.2, 'graph_file': 'home.db.graph',
+        {'map_frame': 'site', 'map_path': 'home.db', 'odometry_sigma_m': 0.2,
          'use_sim_time': True}
     ]  # fmt: skip
     assert graph['remappings'] == [('odom', '/wheels')] and graph['namespace'] == 'robot1'

@@ -26,8 +26,7 @@ from convseq_ros.io.output_file import ANY, FIGURE
 from convseq_ros.io.regular_file import write_lines
 from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.edges import edges_of, Poses
-from convseq_ros.pose_graph.g2o import g2o
-from convseq_ros.pose_graph.graph_file import write_tum
+from convseq_ros.pose_graph.lines import g2o, tum
 from convseq_ros.pose_graph.optimisation import optimise
 
 
@@ -100,7 +99,7 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
     after = optimise(edges, start).poses
     if chosen.tum:
         stamped = ((linked.places[at].stamp_ns, pose_of(pose)) for at, pose in after.items())
-        write_tum(chosen.tum, stamped)
+        write_lines(chosen.tum, tum(stamped))
     if chosen.picture:
         draw_solved(chosen.picture, linked, poses, after)
         print(f'{chosen.picture}: drawn', file=sys.stderr)

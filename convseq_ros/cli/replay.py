@@ -33,9 +33,10 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match, Pose, Reason
 from convseq_ros.errors import MapError, printable
 from convseq_ros.io.output_file import ANSWERS, PAGE
+from convseq_ros.io.regular_file import write_lines
 from convseq_ros.io.results import ResultWriter
 from convseq_ros.models.onnx_model import open_model
-from convseq_ros.pose_graph.graph_file import write_tum
+from convseq_ros.pose_graph.lines import tum
 from convseq_ros.sources import in_order, open_each_camera, Source
 
 Listener = Callable[[Frame, Match, PlaceRecognizer, float], None]
@@ -112,7 +113,7 @@ def _replayed(chosen: argparse.Namespace, pipeline: Pipeline) -> dict[str, Any]:
     if path := chosen.tum:
         if not poses:
             raise MapError(f'{path}: no accepted place has a pose; build the map with --odom')
-        write_tum(path, poses)
+        write_lines(path, tum(poses))
     if report:
         title = printable(f'{chosen.recording.name} in {name.name}')
         report.write(chosen.report, title, first)

@@ -18,9 +18,9 @@ class PoseGraphConfig(Checked):
         True, 'Whether map -> odom is on /tf, where tf2_msgs is installed; it is always on '
         '~/map_to_odom.',
     )
-    graph_file: str = parameter(
-        '', 'File of the graph, loaded at the start, written by ~/save and at the end; empty for '
-        'none.',
+    map_path: str = parameter(
+        '', 'Map file of vpr_node, whose drives with odometry and closures the graph begins with; '
+        'empty for none. It is only read.',
         is_path=True,
     )
     tum_file: str = parameter(

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The records that pass between stages; all frozen. Times are integer nanoseconds."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 import math
 import operator
@@ -60,6 +60,8 @@ class Pose:
 
     position: Vector  # x, y, z in metres
     orientation: Quaternion
+    # Of position (m2) and heading (rad2), 0 if not told, of odometry; None for any other pose.
+    variances: tuple[float, float] | None = field(default=None, compare=False)
 
     @property
     def yaw_rad(self) -> float:

@@ -10,10 +10,11 @@ import time
 from typing import Any
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.rigid import Matrix, matrix, pose_of
 from convseq_ros.core.types import LocalizationState, Pose
 from convseq_ros.errors import ConvseqError, with_traceback
-from convseq_ros.io.output_file import ANY, OutputFile, refuse_outputs, TEXT
+from convseq_ros.io.output_file import OutputFile, refuse_outputs, TEXT
 from convseq_ros.io.regular_file import write_lines
 from convseq_ros.node.conversions import path_message, stamp_to_ns, status_message
 from convseq_ros.node.inputs.closures_heard import closure_of, closure_of_pair, uncertain_pose
@@ -24,12 +25,12 @@ from convseq_ros.node.qos import advertise, LATCHED, SERVICE_QOS, steady_timer
 from convseq_ros.node.running import run_until_signal
 from convseq_ros.node.services.parameters import declare_group
 from convseq_ros.pose_graph.closures import Known
-from convseq_ros.pose_graph.g2o import g2o
 from convseq_ros.pose_graph.graph import PoseGraph
-from convseq_ros.pose_graph.graph_file import load_graph, map_of, save_graph, write_tum
+from convseq_ros.pose_graph.lines import g2o, tum
 from convseq_ros.pose_graph.optimisation import need_gtsam
 from convseq_ros.pose_graph.problem import Problem
-from convseq_ros.sources.pose_track import pose_from_message
+from convseq_ros.pose_graph.stored import graph_of
+from convseq_ros.sources.pose_track import odometry_from_message
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -49,8 +50,7 @@ class PoseGraphNode(ListeningNode):
     """
     Collects in the listener's thread, publishes in the executor's, and solves in a third.
 
-    ConvseqError if a parameter is not allowed, GTSAM is not installed, or the file of the graph
-    cannot be used.
+    ConvseqError if a parameter is not allowed, GTSAM is not installed, or the map is damaged.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -67,17 +67,14 @@ class PoseGraphNode(ListeningNode):
         need_gtsam()
         self._config = config
         refuse_outputs(
-            OutputFile(name, Path(path), kinds)
-            for name, kinds in (('graph_file', ANY), ('tum_file', TEXT), ('g2o_file', TEXT))
+            OutputFile(name, Path(path), TEXT)
+            for name in ('tum_file', 'g2o_file')
             if (path := getattr(config, name))
         )
-        self._file = Path(config.graph_file) if config.graph_file else None
         self._graph = PoseGraph(config)
-        if self._file and self._file.exists():
-            self._graph = load_graph(self._file, config)
         self._lock, self._solving = Lock(), Lock()
         self._thread: Thread | None = None
-        self._frame, self._map_id, self._problem = '', '', ''
+        self._frame, self._map_id, self._read_id, self._problem = '', '', '', ''
         self._update_ms = self._solve_ms = 0.0
         self._breaks = set[int]()  # stamps at which odometry was loosened
         self._is_closed = self._is_localised = False
@@ -91,6 +88,8 @@ class PoseGraphNode(ListeningNode):
             (PoseWithCovarianceStamped, 'vpr_node/pose', self._on_pose),
         ):
             FollowingSubscription(self, kind, topic, call, _DEPTH)
+        with self._lock:  # what is heard meanwhile waits
+            self._read_map()
         self.create_subscription(DiagnosticArray, 'vpr_node/map_info', self._on_map, LATCHED)
         self.create_subscription(
             DiagnosticStatus, 'vpr_node/localization', self._on_localization, LATCHED
@@ -115,16 +114,28 @@ class PoseGraphNode(ListeningNode):
                     self.get_logger().info(text)
         super().destroy_node()
 
+    def _read_map(self) -> None:
+        """Begin with the graph of the map, if it is there; MapError if it is damaged."""
+        path = Path(self._config.map_path)
+        if not self._config.map_path or not path.exists() or not path.stat().st_size:
+            return
+        start_s, stored = time.perf_counter(), open_map(path)
+        self._graph, self._read_id = graph_of(stored, self._config), stored.map_id
+        count = sum(len(drive.keyframes) for drive in self._graph.drives)
+        self.get_logger().info(
+            f'{path}: {count} keyframes and {self._graph.counts["kept"]} closures of earlier '
+            f'drives, read in {time.perf_counter() - start_s:.1f} s'
+        )
+
     def _on_odometry(self, message: Any) -> None:
-        stamp_ns, pose = stamp_to_ns(message.header.stamp), pose_from_message(message.pose.pose)
+        stamp_ns, pose = stamp_to_ns(message.header.stamp), odometry_from_message(message)
         if not stamp_ns or pose is None:
             line = (
                 'odometry without a stamp, or that is no pose, is left out; look at its publisher'
             )
             self.get_logger().warning(f'{self._odometry.topic}: {line}', once=True)
             return
-        covariance = message.pose.covariance
-        told = float(covariance[0] + covariance[7]) / 2, float(covariance[35])
+        told = pose.variances or (0.0, 0.0)
         if not np.isfinite(told).all():  # PoseGraph then takes the parameters
             self.get_logger().warning(
                 f'{self._odometry.topic}: a covariance of {told[0]:g} m2 and {told[1]:g} rad2 is '
@@ -177,10 +188,13 @@ class PoseGraphNode(ListeningNode):
         values = {pair.key: pair.value for pair in message.status[0].values}
         self._map_id = values['map_id']
         with self._lock:
-            if self._graph.earlier and self._file and map_of(self._file) != self._map_id:
-                self._problem = f'{self._file}: is the graph of another map; choose another'
+            if self._read_id and self._read_id != self._map_id:
+                self._problem = (
+                    f'map_path: {self._config.map_path} is not the map that vpr_node uses; give '
+                    'both the same, and start again'
+                )
                 self.get_logger().error(self._problem)
-                self._graph, self._file = PoseGraph(self._config), None
+                self._graph, self._read_id = PoseGraph(self._config), ''
             with suppress(ValueError):
                 stamp_ns = int(values['last_stamp_ns'])
                 if self._graph.running.at(stamp_ns) is not None:
@@ -251,7 +265,7 @@ class PoseGraphNode(ListeningNode):
             self._path.publish(path_message(_posed(corrected), self._config.map_frame))
         level, text = self._state(values)
         values |= {'solve_ms': self._solve_ms, 'update_ms': self._update_ms}
-        values |= {'odom': self._odometry.topic, 'graph_file': self._config.graph_file}
+        values |= {'odom': self._odometry.topic, 'map_path': self._config.map_path}
         name = f'{self.get_fully_qualified_name().lstrip("/")}: pose graph'
         message = DiagnosticArray(status=[status_message(level, name, text, values, self._map_id)])
         message.header.stamp = self.get_clock().now().to_msg()
@@ -282,7 +296,7 @@ class PoseGraphNode(ListeningNode):
 
     def _on_save(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            response.message = self._save() or 'no graph_file, tum_file or g2o_file is set'
+            response.message = self._save() or 'no tum_file or g2o_file is set'
             response.success = True
         except (ConvseqError, OSError) as error:
             response.message = str(error)
@@ -292,11 +306,9 @@ class PoseGraphNode(ListeningNode):
         """Write the files that are wanted, and return their names; OSError if one fails."""
         config, written = self._config, []
         with self._lock:
-            if self._file and save_graph(self._graph, self._file, self._map_id):
-                written.append(str(self._file))
             (poses, edges), corrected = self._graph.whole(), self._graph.trajectory()
         if config.tum_file and poses:
-            write_tum(Path(config.tum_file), _posed(corrected))
+            write_lines(Path(config.tum_file), tum(_posed(corrected)))
             written.append(config.tum_file)
         if config.g2o_file and poses:
             write_lines(Path(config.g2o_file), g2o(poses, edges))

@@ -5,8 +5,12 @@
 from dataclasses import dataclass
 
 from convseq_ros.core.rigid import Matrix
-from convseq_ros.core.types import UNKNOWN_M2
+from convseq_ros.core.types import Pose, RelativePose, UNKNOWN_M2
 from convseq_ros.pose_graph.edges import Edge
+import numpy as np
+
+UNKNOWN_RAD2 = 10.0  # variance of a turn that is not measured
+_TURN_KNOWN_RAD2 = 3.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -39,3 +43,28 @@ class Known:
     kept: bool | None = None  # whether the solution agrees; None before it is solved
     error: float = 0.0  # in standard deviations
     apart_m: float = 0.0  # distance between the measured and the corrected position
+
+
+def told(relative: RelativePose | None) -> tuple[Pose, Matrix]:
+    """
+    Return the pose of a query in its reference, and the covariance (6, 6), as others are told it.
+
+    Without a measured position it is zero, with a variance of 1e6 m2; without a measured turn, of
+    10 rad2.
+    """
+    covariance = np.diag([UNKNOWN_M2] * 3 + [UNKNOWN_RAD2] * 3)
+    if relative is None:
+        return Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), covariance
+    if relative.position_m:
+        return Pose(relative.position_m, relative.orientation), relative.covariance
+    covariance[3:, 3:] = relative.covariance[3:, 3:]
+    return Pose((0.0, 0.0, 0.0), relative.orientation), covariance
+
+
+def usable(covariance: Matrix, sigma_rad: float) -> Matrix:
+    """Return a covariance (6, 6) that was told; `sigma_rad` is of a turn that is not measured."""
+    if covariance[5, 5] <= _TURN_KNOWN_RAD2:
+        return covariance
+    covariance = covariance + np.diag([UNKNOWN_M2] * 3 + [0.0] * 3)
+    covariance[3:, 3:] = np.eye(3) * sigma_rad**2
+    return covariance

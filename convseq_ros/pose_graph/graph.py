@@ -32,6 +32,7 @@ class LIVE:
 
     fine: int = 500  # of a drive's first keyframes each is a node, ...
     every: int = 5  # ... of later ones one of so many, beside those at which queries end
+    agreeing: int = 2  # closures with earlier drives that say where the running one is
     loose: float = 1e3  # standard deviation of the start of a drive, metres and radians
     patience_ns: int = 10_000_000_000  # until a closure without a counterpart counts as unusable
     most_poses: int = 1000  # absolute poses that wait for their closure, ...
@@ -45,13 +46,14 @@ class PoseGraph:
 
     New keyframes extend a chain, whose best estimate needs no solver: the last correction moves
     them. The first drive begins where its odometry begins. With `earlier` drives, or poses in the
-    frame of a map, the running drive is in their frame from the first closure on.
+    frame of a map, the running drive is in their frame when two closures agree.
     """
 
     config: PoseGraphConfig = field(default_factory=PoseGraphConfig)
     earlier: list[Odometry] = field(default_factory=list)
     known: dict[tuple[int, str, int], Known] = field(default_factory=dict)
     nodes: dict[int, Matrix] = field(default_factory=dict)  # poses (4, 4) before they are solved
+    in_map: bool = False  # whether there are places in the frame of a map, outside all drives
     without_place: int = 0  # closures of which a place is not in the graph, nor in the map's frame
     twice: int = 0  # closures that came again
     restarts: int = 0  # clocks that were set back
@@ -63,8 +65,9 @@ class PoseGraph:
 
     def _begin(self) -> None:
         """Begin a drive, and solve all anew."""
-        self.running = Odometry(self.config)
-        self._is_aligned = not self.earlier  # whether the running drive is in the frame of the map
+        self.running, self._is_paused = Odometry(self.config), False
+        # Whether the running drive is in the frame of the map.
+        self._is_aligned = not (self.earlier or self.in_map)
         self._move = np.eye(4)  # correction of its newest keyframe
         self._nodes: list[int] = []  # ascending
         self._steps: list[Edge] = []
@@ -76,18 +79,37 @@ class PoseGraph:
         self, stamp_ns: int, pose: Matrix, told: tuple[float, float] | None = None
     ) -> None:
         """Add a pose (4, 4) of odometry; `told` are its variances, of position and heading."""
-        if self.running.is_anew(stamp_ns):
+        if self._is_paused:
+            if not self.running.goes_on(stamp_ns, pose):
+                self._next_drive()
+            elif stamp_ns <= self.running.stamps[-1]:
+                return
+            else:
+                self.lose()
+            self._is_paused = False
+        elif self.running.is_anew(stamp_ns):
             self.restarts += 1
-            first = self._first(self.running)
-            self.nodes = {node: at for node, at in self.poses().items() if node < first}
-            placed = [(key, one, one.edge) for key, one in self.known.items()]
-            self.known = {key: one for key, one, edge in placed if edge and edge.end < first}
-            self._begin()
+            self._next_drive()
         self.running.add(stamp_ns, pose, told)
 
+    def pause(self) -> None:
+        """Take note that odometry was not heard: the next pose may be of another drive."""
+        self._is_paused = bool(self.running.keyframes)
+
+    def _next_drive(self) -> None:
+        """Begin another drive; the running one stays if closures may refer to it: in a map."""
+        first, count = self._first(self.running), len(self.running.keyframes)
+        end = first + (count if self.running.sessions else 0)
+        self.nodes = {node: at for node, at in self.poses().items() if node < end}
+        placed = [(key, one, one.edge) for key, one in self.known.items()]
+        self.known = {key: one for key, one, edge in placed if edge and edge.end < end}
+        if self.running.sessions and count:
+            self.earlier.append(self.running)
+        self._begin()
+
     def name_session(self, session: str) -> None:
-        """Set the id of the session that the running drive makes in a map."""
-        self.running.session = session
+        """Add the id of a session that the running drive makes in a map."""
+        self.running.sessions.add(session)
 
     def add_closure(self, closure: Closure) -> None:
         """Add a closure; of two that are the same, the one with a measured position counts."""
@@ -112,7 +134,7 @@ class PoseGraph:
     @property
     def correction(self) -> Matrix | None:
         """The pose (4, 4) of the frame of odometry in that of the map; None if it is unknown."""
-        if not (self._is_aligned and self.running.keyframes):
+        if self._is_paused or not (self._is_aligned and self.running.keyframes):
             return None
         return np.asarray(self._move @ self.running.bridge)
 
@@ -217,7 +239,9 @@ class PoseGraph:
                 one.kept = kept
                 there = solution.pose(edge.start) @ edge.moved
                 one.apart_m = math.dist(there[:3, 3], solution.pose(edge.end)[:3, 3])
-                self._is_aligned |= kept and edge.end >= first > edge.start
+        ends = [one.edge for one in problem.links if one.edge and one.kept]
+        outside = sum(edge.end >= first > edge.start for edge in ends)
+        self._is_aligned |= outside >= LIVE.agreeing
         self._solution = solution
         if (node := self._nodes[-1]) >= first:
             self._move = solution.pose(node) @ inverse(self.running.keyframe(node - first))
@@ -353,7 +377,7 @@ class PoseGraph:
         """Return the place of the reference of a closure; None if it is not known."""
         for drive in self.drives:
             is_running = drive is self.running and not closure.session
-            if is_running or (closure.session and drive.session == closure.session):
+            if is_running or closure.session in drive.sessions:
                 place = drive.place(closure.reference_ns)
                 return place and (self._first(drive) + place[0], place[1])
         return None

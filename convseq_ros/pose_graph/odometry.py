@@ -3,7 +3,6 @@
 """The odometry of one drive over time; some of its poses are keyframes."""
 
 from bisect import bisect_right
-from collections.abc import Iterable
 from dataclasses import replace
 import math
 
@@ -34,6 +33,8 @@ class ODOMETRY:
     told_rad: float = 0.005
     told_of_turn: float = 0.02  # ... and after a radian turned; at most that of a reset
     jump_back_ns: int = 1_000_000_000  # a clock that goes back further begins anew
+    paused_s: float = 30.0  # after which a drive does not go on; a restart takes some seconds
+    faster: float = 2.0  # than before, at most, in a pause
 
 
 class Odometry:
@@ -46,23 +47,23 @@ class Odometry:
     in `breaks` the motion is unknown; before those in `hints` it may be.
     """
 
-    def __init__(
-        self,
-        config: PoseGraphConfig,
-        session: str = '',
-        stamps: Iterable[int] = (),
-        poses: Iterable[Matrix] = (),
-        keyframes: Iterable[int] = (),
-        spread: Iterable[tuple[float, float]] = (),
-    ) -> None:
-        self.session, self.bridge, self.resets = session, np.eye(4), 0
-        self.stamps, self.poses, self.keyframes = [*stamps], [*poses], [*keyframes]
-        self.spread, self.breaks, self.hints = [*spread], set[int](), list[int]()
-        self._config = config
+    def __init__(self, config: PoseGraphConfig) -> None:
+        self.sessions = set[str]()  # ids of those of the map that it makes: one for each start
+        self.bridge, self.resets = np.eye(4), 0
+        self.stamps, self.poses, self.keyframes = list[int](), list[Matrix](), list[int]()
+        self.spread, self.breaks, self.hints = list[tuple[float, float]](), set[int](), list[int]()
+        self._config, self._fastest_mps = config, 0.0
         self._raw = self._newest = self._last_keyframe = np.eye(4)
         self._is_passing = False  # whether the next pose replaces the newest one
         self._distance_m = self._lost_m2 = self._lost_rad2 = 0.0
         self._told: tuple[float, float] | None = None  # variances of the last keyframe's message
+
+    def goes_on(self, stamp_ns: int, raw: Matrix) -> bool:
+        """Return whether a pose after a pause may be of this drive: soon, and no further."""
+        passed_s = abs(stamp_ns - self.stamps[-1]) / 1e9
+        furthest_m = ODOMETRY.faster * self._fastest_mps * passed_s + ODOMETRY.excused_m
+        is_near = math.dist(raw[:3, 3], self._raw[:3, 3]) <= furthest_m
+        return is_near and passed_s <= ODOMETRY.paused_s
 
     def is_anew(self, stamp_ns: int) -> bool:
         """Return whether the clock was set back: the drive of this pose is another one."""
@@ -115,6 +116,8 @@ class Odometry:
         told = told if told and np.isfinite(told).all() else None
         if self.spread:
             metres, radians = self._config.odometry_sigma_m, self._config.odometry_sigma_rad
+            passed_s = (self.stamps[-1] - self.keyframe_ns(-1)) / 1e9
+            self._fastest_mps = max(self._fastest_mps, self._distance_m / passed_s)
             distance_m = max(0.1, self._distance_m)
             grown = metres**2 * distance_m, radians**2 * distance_m
             if told and self._told and told[0] > self._told[0] and told[1] > self._told[1]:

@@ -4,6 +4,7 @@
 
 from bisect import bisect_left
 from collections.abc import Iterable
+from dataclasses import replace
 import math
 from typing import Any
 
@@ -123,6 +124,13 @@ def is_far(position: Iterable[float]) -> bool:
     return not all(abs(value) <= EARTH.furthest_m for value in position)
 
 
+def odometry_from_message(message: Any) -> Pose | None:
+    """Return the pose of a nav_msgs/Odometry with its variances; None as `pose_from_message`."""
+    pose, told = pose_from_message(message.pose.pose), message.pose.covariance
+    variances = float(told[0] + told[7]) / 2, float(told[35])
+    return pose and replace(pose, variances=variances)
+
+
 def pose_from_message(pose: Any) -> Pose | None:
     """Return a geometry_msgs/Pose, normalised; None if it is far, or its quaternion no turn."""
     at, turn = pose.position, pose.orientation
@@ -150,4 +158,4 @@ def _between(first: Pose, second: Pose, share: float) -> Pose:
         angle = math.acos(cosine)
         turned = math.sin((1 - share) * angle) * start + math.sin(share * angle) * end
     turned /= np.linalg.norm(turned)
-    return Pose(tuple(position.tolist()), tuple(turned.tolist()))
+    return Pose(tuple(position.tolist()), tuple(turned.tolist()), first.variances)

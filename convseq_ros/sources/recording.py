@@ -15,7 +15,7 @@ from convseq_ros.errors import FormatError, ImageError, printable, SourceError
 from convseq_ros.sources.camera_info import camera_from_info, correction
 from convseq_ros.sources.images import gray_of, message_pixels
 from convseq_ros.sources.mount import StaticTransforms
-from convseq_ros.sources.pose_track import pose_from_message
+from convseq_ros.sources.pose_track import odometry_from_message, pose_from_message
 from convseq_ros.sources.raw_message import IMAGE_TYPES, RawMessage, STAMP_END
 from convseq_ros.sources.stamps import FIRST, useless
 from convseq_ros.sources.storage import open_storage
@@ -226,6 +226,9 @@ def _pose(message: RawMessage) -> tuple[int, Pose] | None:
         decoded = decode(message)
     except ImageError:
         return None
-    plain = decoded.pose if message.type_name == POSE_TYPES[1] else decoded.pose.pose
-    pose = pose_from_message(plain)
+    if message.type_name == POSE_TYPES[0]:
+        pose = odometry_from_message(decoded)
+    else:
+        plain = decoded.pose if message.type_name == POSE_TYPES[1] else decoded.pose.pose
+        pose = pose_from_message(plain)
     return None if pose is None else (message.stamp_ns, pose)

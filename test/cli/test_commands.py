@@ -124,7 +124,7 @@ def test_parameters_come_from_a_ros_file_and_options_win(drive, map_path, tmp_pa
     file.write_text(
         '/**:\n  ros__parameters:'
         ' {fixed_length: 4, queue_size: 3, acceptance_rule: margin, min_margin: 1}\n'
-        'pose_graph_node:\n  ros__parameters: {graph_file: a.npz, period_s: 2.0}\n'
+        'pose_graph_node:\n  ros__parameters: {map_path: a.db, period_s: 2.0}\n'
     )
     arguments = ['replay', drive, '--map', map_path, '--output', output, '--config', file]
     assert main([str(each) for each in arguments]) == 0

@@ -18,7 +18,7 @@ from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import RelativePose
 from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.edges import EDGE, edges_of
-from convseq_ros.pose_graph.g2o import g2o
+from convseq_ros.pose_graph.lines import g2o
 from convseq_ros.pose_graph.optimisation import optimise
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.odometry import Drift, with_odometry

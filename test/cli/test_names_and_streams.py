@@ -97,9 +97,9 @@ def test_home_paths_and_file_addresses_are_found(drive, tmp_path, monkeypatch, c
     config = NodeConfig(map_path='~/a.db', result_file=address)
     assert config.map_path == f'{tmp_path}/a.db'
     assert config.result_file == f'{tmp_path}/my map.db'
-    graph = PoseGraphConfig(graph_file='~/a.graph', tum_file='~/a.txt', g2o_file='~/a.g2o')
-    found = graph.graph_file, graph.tum_file, graph.g2o_file
-    assert found == tuple(f'{tmp_path}/a.{kind}' for kind in ('graph', 'txt', 'g2o'))
+    graph = PoseGraphConfig(map_path='~/a.db', tum_file='~/a.txt', g2o_file='~/a.g2o')
+    found = graph.map_path, graph.tum_file, graph.g2o_file
+    assert found == tuple(f'{tmp_path}/a.{kind}' for kind in ('db', 'txt', 'g2o'))
 
 
 def test_options_have_no_abbreviations():

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pose graph as a node: topics in, `map -> odom`, path, diagnostics and files out."""
 
+from dataclasses import replace
 import math
 import os
 from pathlib import Path
@@ -9,10 +10,13 @@ import sys
 import types
 from unittest.mock import Mock
 
+from convseq_ros.core.graph.trail import Keyframe
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.rigid import inverse, Matrix, matrix, pose_of, turned_by
+from convseq_ros.core.types import Anchor, RelativePose
 from convseq_ros.errors import ConvseqError
 from convseq_ros.node.conversions import pose_only_message, stamp_from_ns
-from convseq_ros.pose_graph.graph_file import map_of
 from convseq_ros.sources.pose_track import pose_from_message
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TransformStamped
@@ -192,16 +196,12 @@ def test_a_localised_robot_that_is_lost_may_have_been_carried(graph_node):
     assert node._graph.running.hints == [11]
 
 
-def test_files_are_written_by_the_service_and_at_the_end_and_read_again(
-    client, graph_node, tmp_path
-):
+def test_files_are_written_by_the_service_and_at_the_end(client, graph_node, tmp_path):
     pytest.importorskip('gtsam')
-    names = {'graph_file': 'map.graph', 'tum_file': 'path.txt', 'g2o_file': 'path.g2o'}
+    names = {'tum_file': 'path.txt', 'g2o_file': 'path.g2o'}
     files = {name: tmp_path / file for name, file in names.items()}
     node = graph_node(**files)
     drive(node)
-    node._on_map(map_info(last_ns=stamp(70)))
-    assert node._graph.running.session == 'a'
     close(client, node, *RIGHT)
     answer = client.call(Trigger, '/pose_graph_node/save')
     assert answer.success and all(str(path) in answer.message for path in files.values())
@@ -210,15 +210,57 @@ def test_files_are_written_by_the_service_and_at_the_end_and_read_again(
     kinds = [line.split()[0] for line in files['g2o_file'].read_text().splitlines()]
     assert kinds.count('VERTEX_SE3:QUAT') == NUM + 1
     assert kinds.count('EDGE_SE3:QUAT') == NUM + len(RIGHT)
-    assert map_of(files['graph_file']) == 'the map'
     for path in files.values():
         path.unlink()
     client.executor.remove_node(node)
     node.destroy_node()
     assert all(path.exists() for path in files.values())
-    after = graph_node(**files)
-    assert after._graph.earlier[0].session == 'a'
-    assert after._graph.counts['kept'] == len(RIGHT)
+
+
+@pytest.fixture
+def town_map(tmp_path):
+    """Return the file of a map in which the drive is, up to its 71st pose, and its closures."""
+    made, closed = ReferenceMap(), {LAP + at: at for at in range(2, 30, 6)}
+    made.begin_session(stamp(0))
+    own = made.sessions[0].id
+    for step in range(71):
+        at, other, relative = replace(pose_of(DRIFTED[step]), variances=(0.0, 0.0)), None, None
+        if step in closed:
+            other = Anchor(own, stamp(closed[step]))
+            moved = pose_of(inverse(TRUE[closed[step]]) @ TRUE[step])
+            spread = EXACT.reshape(6, 6)
+            relative = RelativePose(moved.orientation, moved.position, None, spread, 9, True)
+        made.trail.add(Keyframe(own, stamp(step), at, other, relative))
+    save_map(made, path := tmp_path / 'town.db')
+    return path, made
+
+
+def test_a_killed_node_goes_on_where_it_was(client, graph_node, town_map):
+    path, made = town_map
+    killed = graph_node('-r', '__node:=killed', map_path=path)
+    drive(killed, 71, 72)
+    correction = killed._graph.correction
+    assert not np.allclose(correction, np.eye(4), atol=0.5)
+    node = graph_node(map_path=path)
+    told = client.listen(TransformStamped, '/pose_graph_node/map_to_odom')
+    client.wait_for(lambda: node.count_subscribers('/pose_graph_node/map_to_odom'))
+    drive(node, 72, 72)
+    client.wait_for(lambda: told)
+    shift = told[0].transform
+    there = types.SimpleNamespace(position=shift.translation, orientation=shift.rotation)
+    assert np.allclose(matrix(pose_from_message(there)), correction, atol=1e-6)
+    node._on_map(map_info(made.map_id, sessions=made.sessions[0].id))
+    assert node._graph.running.sessions == {made.sessions[0].id}
+
+
+def test_the_recogniser_alone_was_killed_and_what_it_made_before_is_known(client, graph_node):
+    node = graph_node()
+    drive(node)
+    close(client, node, *RIGHT[:3])
+    before = [closure(LAP + at, at, own='b') for at in (20, 26)]  # places of session a
+    close(client, node, *before)
+    assert node._graph.running.sessions == {'a', 'b'}
+    assert node._graph.counts['kept'] == 5 and not node._graph.without_place
 
 
 def test_evo_reads_the_trajectory(client, graph_node, tmp_path):
@@ -235,27 +277,27 @@ def test_evo_reads_the_trajectory(client, graph_node, tmp_path):
 # Bad input.
 
 
-def test_the_graph_of_another_map_is_reported_and_not_overwritten(client, graph_node, tmp_path):
-    path = tmp_path / 'map.graph'
-    node = graph_node(graph_file=path)
-    drive(node)
-    node._on_map(map_info(last_ns=stamp(70)))
-    node._save()
-    kept = path.read_bytes()
-    other = graph_node('-r', '__node:=other', graph_file=path)
-    drive(other)
-    other._on_map(map_info('another map', stamp(70)))
-    assert 'is the graph of another map; choose another' in other._state(other._graph.counts)[1]
-    assert not other._graph.earlier and other._save() == ''
-    assert path.read_bytes() == kept
+def test_two_nodes_with_two_maps_are_reported(graph_node, town_map):
+    path, _ = town_map
+    node = graph_node(map_path=path)
+    drive(node, 71, 72)
+    node._on_map(map_info('another map', stamp(70)))
+    assert f'{path} is not the map that vpr_node uses' in node._state(node._graph.counts)[1]
+    assert node._graph.correction is None and not node._graph.known
 
 
-def test_a_damaged_graph_ends_the_start(client, graph_node, tmp_path):
-    path = tmp_path / 'map.graph'
-    path.write_bytes(b'PK\x03\x04 and no more')
-    with pytest.raises(ConvseqError, match='not a whole graph'):
-        graph_node(graph_file=path)
-    assert path.read_bytes() == b'PK\x03\x04 and no more'
+@pytest.mark.parametrize(('content', 'told'), [(b'no map', 'not a convseq map'), (b'', '')])
+def test_a_damaged_map_ends_the_start_and_one_that_is_not_made_yet_does_not(
+    graph_node, tmp_path, content, told
+):
+    path = tmp_path / 'map.db'
+    path.write_bytes(content)
+    if told:
+        with pytest.raises(ConvseqError, match=told):
+            graph_node(map_path=path)
+    else:
+        assert graph_node(map_path=path)._graph.counts['keyframes'] == 0
+    assert path.read_bytes() == content
 
 
 def test_a_file_that_costs_another_or_has_no_folder_is_refused_at_the_start(graph_node, tmp_path):
@@ -264,20 +306,6 @@ def test_a_file_that_costs_another_or_has_no_folder_is_refused_at_the_start(grap
         graph_node(tum_file=tmp_path / 'none' / 'path.txt')
     with pytest.raises(ConvseqError, match=r'g2o_file: .* written by the same'):
         graph_node(tum_file=path, g2o_file=path)
-
-
-def test_a_kill_while_saving_leaves_the_old_file(client, graph_node, tmp_path, monkeypatch):
-    path = tmp_path / 'map.graph'
-    node = graph_node(graph_file=path)
-    drive(node, last=40)
-    node._on_map(map_info(last_ns=stamp(30)))
-    node._save()
-    kept = path.read_bytes()
-    drive(node, 41)
-    monkeypatch.setattr(os, 'replace', Mock(side_effect=OSError('killed')))  # before the rename
-    with pytest.raises(OSError, match='map'):
-        node._save()
-    assert path.read_bytes() == kept
 
 
 @pytest.mark.parametrize(

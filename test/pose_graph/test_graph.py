@@ -5,61 +5,18 @@
 import math
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
-from convseq_ros.core.rigid import inverse, Matrix, turned_by
+from convseq_ros.core.rigid import inverse
 from convseq_ros.core.types import UNKNOWN_M2
-from convseq_ros.errors import MapError
 from convseq_ros.pose_graph.closures import Closure
 from convseq_ros.pose_graph.graph import PoseGraph
-from convseq_ros.pose_graph.graph_file import load_graph, map_of, save_graph
 import numpy as np
 import pytest
+from squares import closure, DRIFTED, driven, LAP, MEASURED, pose, RIGHT, SECOND, stamp, TRUE
 
 pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
 
-SECOND = 1_000_000_000
-SIDE, LAP = 20, 80
-MEASURED = np.diag([0.01] * 3 + [1e-4] * 3)
 SAME_PLACE = np.diag([UNKNOWN_M2] * 3 + [0.02] * 3)
-
-
-def pose(x: float, y: float = 0.0, yaw: float = 0.0) -> Matrix:
-    moved = np.eye(4)
-    moved[:3, :3], moved[:2, 3] = turned_by((0, 0, yaw)), (x, y)
-    return moved
-
-
-def squares(laps: int = 2, scale: float = 1.0, excess_rad: float = 0.0) -> list[Matrix]:
-    """Return poses round a square with sides of 20 m, a metre apart."""
-    poses = [np.eye(4)]
-    for step in range(LAP * laps):
-        turn = math.pi / 2 + excess_rad if step % SIDE == SIDE - 1 else 0.0
-        poses.append(poses[-1] @ pose(scale, 0.0, turn))
-    return poses
-
-
-TRUE = squares()
-DRIFTED = squares(scale=1.03, excess_rad=0.08)
-
-
-def stamp(step: int) -> int:
-    return SECOND + step * SECOND // 5
-
-
-def closure(query: int, reference: int, moved: Matrix | None = None, **more: object) -> Closure:
-    if moved is None:
-        moved = inverse(TRUE[reference]) @ TRUE[query]
-    return Closure(stamp(query), stamp(reference), moved, MEASURED, **more)
-
-
-RIGHT = [closure(LAP + at, at) for at in range(1, LAP, 5)]
 FALSE = [closure(120, 12, np.eye(4)), closure(135, 24, np.eye(4)), closure(150, 100, np.eye(4))]
-
-
-def driven(poses: list[Matrix], graph: PoseGraph | None = None, first: int = 0) -> PoseGraph:
-    graph = graph or PoseGraph(PoseGraphConfig(graph_spacing_m=0.9))
-    for step, at in enumerate(poses, first):
-        graph.add_odometry(stamp(step), at)
-    return graph
 
 
 def solve(graph: PoseGraph, *closures: Closure) -> list[bool | None]:
@@ -135,7 +92,7 @@ def test_keyframes_between_nodes_are_corrected_by_interpolation(monkeypatch):
     assert np.abs(np.subtract(*positions)).max() < 0.2
 
 
-OTHERS = 'every', 'loose', 'patience_ns', 'most_poses', 'most_waiting'
+OTHERS = 'every', 'agreeing', 'loose', 'patience_ns', 'most_poses', 'most_waiting'
 
 
 def test_without_a_position_both_visits_are_near_each_other():
@@ -334,68 +291,3 @@ def test_a_break_by_false_closures_that_agree_is_undone_when_right_ones_come():
     assert graph.counts['carried'] == 0 and graph.counts['refused'] == 3
     positions = graph.corrected(graph.running)[:, :3, 3]
     assert np.linalg.norm(positions[LAP + 1 :] - positions[1 : LAP + 1], axis=1).max() < 0.5
-
-
-# The file.
-
-
-@pytest.fixture
-def stored(tmp_path):
-    """Return the file of a graph of one session, and the graph."""
-    graph = driven(DRIFTED)
-    graph.running.session = 'first'
-    solve(graph, *RIGHT, *FALSE)
-    path = tmp_path / 'map.graph'
-    assert save_graph(graph, path, 'the map') == 1
-    return path, graph
-
-
-def test_the_next_drive_finds_the_earlier_one_in_the_file(stored):
-    path, before = stored
-    graph = load_graph(path, before.config)
-    earlier = graph.earlier[0]
-    assert np.allclose(graph.corrected(earlier), before.corrected(before.running))
-    assert graph.counts['kept'] == before.counts['kept'] and graph.counts['refused'] == 3
-    assert graph.correction is None  # until it is known where in the map the robot is
-    later, there = 10**6, pose(30.0, 60.0, 1.0)
-    driven([there @ at for at in DRIFTED[:40]], graph, later)
-    for step in (5, 15, 25, 35):
-        graph.add_closure(Closure(stamp(later + step), stamp(step), np.eye(4), MEASURED, 'first'))
-    solve(graph)
-    end = graph.correction @ there @ DRIFTED[39]
-    assert np.allclose(end, graph.corrected(earlier)[39], atol=0.5)
-    graph.running.session = 'second'
-    assert save_graph(graph, path, 'the map') == 2
-    again = load_graph(path, before.config)
-    assert [one.session for one in again.earlier] == ['first', 'second']
-    assert again.counts['kept'] == before.counts['kept'] + 4
-
-
-@pytest.mark.parametrize('share', [0.0, 0.3, 0.9, 0.999])
-def test_a_damaged_graph_is_refused_and_stays(stored, share):
-    path, graph = stored
-    assert map_of(path) == 'the map'
-    whole = path.read_bytes()
-    damaged = whole[: int(share * len(whole))]
-    path.write_bytes(damaged)
-    with pytest.raises(MapError, match=r'not a whole graph \(.*\); move it away'):
-        load_graph(path, graph.config)
-    assert path.read_bytes() == damaged
-    assert map_of(path) == ''
-
-
-@pytest.mark.parametrize('name', ['keyframes', 'ends', 'nodes', 'stamps', 'spread', 'poses'])
-def test_a_graph_whose_parts_do_not_fit_is_refused(stored, name):
-    path, graph = stored
-    with np.load(path) as file:
-        arrays = dict(file)
-    array = arrays[name]
-    arrays[name] = array[:-1] if name in ('stamps', 'spread', 'poses') else array + 10**6
-    with path.open('wb') as file:
-        np.savez(file, **arrays)
-    with pytest.raises(MapError, match='not a whole graph'):
-        load_graph(path, graph.config)
-
-
-def test_a_drive_that_is_no_session_of_the_map_is_not_kept(stored, tmp_path):
-    assert save_graph(driven(DRIFTED), tmp_path / 'none.graph', 'the map') == 0

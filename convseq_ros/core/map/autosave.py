@@ -156,13 +156,16 @@ class Autosave(NoAutosave):
             self._writer.copy(self.reference_map, stop)
             self.committed, self.committed_s = stop, time.monotonic()
             self.reference_map.evict(stop, self._writer.reader.pictures)
+            self.reference_map.trail.evict(self._writer.trailed)
             self._writer.checkpoint()
             self._left = _size_and_time(self._path)
 
     def _is_behind(self, end: int) -> bool:
         """Return whether places before `end`, or links of stored places, are not written yet."""
         links, linked = self.reference_map.links, self._writer.linked
-        return self.committed < end or bool(links.since(linked, self.committed))
+        if self.committed < end or len(self.reference_map.trail) > self._writer.trailed:
+            return True
+        return bool(links.since(linked, self.committed))
 
     def _is_in_place(self) -> bool:
         with suppress(OSError):

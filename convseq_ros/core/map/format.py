@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The layout of a map's SQLite file, format 7.
+The layout of a map's SQLite file, format 8. Format 7 has no `keyframes`.
 
 `about` holds the map's id and the settings it was made with. `sessions` are its drives; the places
 of a session follow each other in order. `places` and `links` are read when a map is opened, the
@@ -12,6 +12,7 @@ all its values, so that a flipped bit is an error and never changes an answer.
 from dataclasses import asdict, dataclass
 import json
 import math
+import operator
 from pathlib import Path
 from typing import Any
 import zlib
@@ -19,12 +20,13 @@ import zlib
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape, visible_cells
 from convseq_ros.core.encoding.first_stage import model_name
+from convseq_ros.core.graph.trail import Keyframe
 from convseq_ros.core.rigid import vector
-from convseq_ros.core.types import Camera, Halves, Pose, RelativePose
+from convseq_ros.core.types import Anchor, Camera, Halves, Pose, RelativePose
 from convseq_ros.errors import ConfigError
 import numpy as np
 
-FORMAT_VERSION = 7  # PRAGMA user_version
+FORMAT_VERSION = 8  # PRAGMA user_version
 APPLICATION_ID = 0x43565351  # PRAGMA application_id; CVSQ
 PAGE_BYTES = 16_384  # the cells of a place fill a page; what else 6 rows hold shares another
 TABLES = {
@@ -44,11 +46,18 @@ TABLES = {
     # Relative: the 33 float64 of a `RelativePose`; NULL if it was not measured.
     'links': '(place INTEGER PRIMARY KEY, other INTEGER, anchor INTEGER, confidence REAL, '
     'inliers INTEGER, relative BLOB, crc32 INTEGER NOT NULL)',
+    # Of drives with odometry, whether they became places or not: variances NULL if they are not
+    # finite; the other place of a closure by session and stamp, or NULL; relative as in `links`.
+    'keyframes': '(number INTEGER PRIMARY KEY, session TEXT NOT NULL, stamp_ns INTEGER NOT NULL, '
+    'x REAL NOT NULL, y REAL NOT NULL, z REAL NOT NULL, qx REAL NOT NULL, qy REAL NOT NULL, '
+    'qz REAL NOT NULL, qw REAL NOT NULL, metres2 REAL, radians2 REAL, other_session TEXT, '
+    'other_ns INTEGER, relative BLOB, crc32 INTEGER NOT NULL)',
     # The descriptor model's vector, float16 of unit length; no row without a model.
     'vectors': '(reference_index INTEGER PRIMARY KEY, numbers BLOB NOT NULL, '
     'crc32 INTEGER NOT NULL)',
 }
 SCHEMA = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
+OLDEST_VERSION, NEWEST_TABLE = 7, 'keyframes'  # the oldest format that is read has all but this
 # A table that earlier programs made, which nothing reads.
 UNUSED = (
     'depths',
@@ -162,7 +171,10 @@ class MapSession:
         """The row of the table `sessions`, without its number."""
         fields = asdict(self.camera).items() if self.camera else ()
         # Unknown fields of a camera are left out.
-        camera = json.dumps({name: value for name, value in fields if value or value == 0})
+        known = {name: value for name, value in fields if value or value == 0}
+        if 'mount' in known:
+            del known['mount']['variances']
+        camera = json.dumps(known)
         return self.id, self.name, self.start_ns, camera if fields else None, self.frame
 
     @classmethod
@@ -218,6 +230,33 @@ def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> Halves:
     if bits.max() >= _FIRST_NOT_FINITE:
         raise ValueError('its cells are not finite, or negative')
     return bits.view(np.float16)
+
+
+def keyframe_row(one: Keyframe) -> Row:
+    """Return the row of the table `keyframes`, without its number."""
+    told = [value + 0.0 if math.isfinite(value) else None for value in one.pose.variances or ()]
+    other = (one.other.session_id, one.other.stamp_ns) if one.other else (None, None)
+    relative = one.relative and packed_pose(one.relative)
+    # SQLite stores no -0.0.
+    pose = (value + 0.0 for value in (*one.pose.position, *one.pose.orientation))
+    return one.session_id, one.stamp_ns, *pose, *(told or (None, None)), *other, relative
+
+
+def keyframe_of(row: tuple[Any, ...]) -> Keyframe:
+    """Return the keyframe of a stored row; ValueError or TypeError if it is invalid."""
+    session, stamp_ns, x, y, z, qx, qy, qz, qw, metres2, radians2, other, other_ns, relative = row
+    numbers = np.array([x, y, z, qx, qy, qz, qw], float)
+    if not np.isfinite(numbers).all() or abs(np.linalg.norm(numbers[3:]) - 1) > _TOLERANCE:
+        raise ValueError('invalid pose of a keyframe')
+    metres2, radians2 = (math.nan if told is None else told for told in (metres2, radians2))
+    x, y, z, qx, qy, qz, qw = numbers.tolist()
+    return Keyframe(
+        checked_id(session),
+        operator.index(stamp_ns),
+        Pose((x, y, z), (qx, qy, qz, qw), (float(metres2), float(radians2))),
+        None if other is None else Anchor(checked_id(other), operator.index(other_ns)),
+        None if relative is None else unpacked_pose(relative),
+    )
 
 
 def packed_pose(pose: RelativePose) -> bytes:

@@ -8,10 +8,11 @@ from convseq_ros.config import Config
 from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.encoding.glance import Glance
 from convseq_ros.core.graph.links import Links
+from convseq_ros.core.graph.trail import Keyframe
 from convseq_ros.core.map.pruning import Pruning, STRETCH
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.scenes import Scenes
-from convseq_ros.core.types import constants, Descriptor, Frame, Match, Reason
+from convseq_ros.core.types import Anchor, constants, Descriptor, Frame, Match, Reason
 
 _RECOGNISED = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
 
@@ -105,6 +106,7 @@ class OnlineMap(PreloadedMap):
     def reset(self) -> None:
         """Begin a new session; places of the last one stay recent, as the robot goes on."""
         super().reset()
+        self._has_session = False
         self._skipping = 0  # number of frames that are still to be left out
 
     @property
@@ -126,13 +128,27 @@ class OnlineMap(PreloadedMap):
         """
         if self._is_frozen or frame.gray is None:
             return
-        if self._skips(recognised_place(_match), descriptor):
-            return
-        if len(self._map) == self.session_start:
+        is_skipped = self._skips(recognised_place(_match), descriptor)
+        is_odometry = frame.pose is not None and frame.pose.variances is not None
+        if not self._has_session and (is_odometry or not is_skipped):
             self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
+            self._has_session = True
+        if is_odometry:
+            self._map.trail.add(self._keyframe(frame, _match))
+        if is_skipped:
+            return
         self._map.add_frame(frame, descriptor, *self._kept)
         self._passed_at.append(self._scenes.passed)
         link(self._map.links, len(self._map) - 1, _match)
+
+    def _keyframe(self, frame: Frame, match: Match | None) -> Keyframe:
+        """Return a frame with odometry, and the closure that is told of it, if any."""
+        assert frame.pose
+        sessions, accepted, other = self._map.sessions, match and match.accepted, None
+        if accepted:
+            other = Anchor(sessions[accepted.session].id, accepted.reference_stamp_ns)
+        relative = match.relative_pose if match else None
+        return Keyframe(sessions[-1].id, frame.stamp_ns, frame.pose, other, relative)
 
     def freeze(self) -> None:
         self._is_frozen = True

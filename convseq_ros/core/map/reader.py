@@ -3,7 +3,7 @@
 """Reading a map file: the places' numbers at once, pictures on demand."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 import math
 from pathlib import Path
@@ -19,10 +19,19 @@ from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.keypoints import BYTES
 from convseq_ros.core.encoding.mask import without_path
 from convseq_ros.core.graph.links import Links
+from convseq_ros.core.graph.trail import Keyframe, Trail
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.crash_recovery import open_to_read
 from convseq_ros.core.map.database import as_map_error, Database, Rows
-from convseq_ros.core.map.format import decode_cells, MapSession, row_crc, Settings, unpacked_pose
+from convseq_ros.core.map.format import (
+    decode_cells,
+    FORMAT_VERSION,
+    keyframe_of,
+    MapSession,
+    row_crc,
+    Settings,
+    unpacked_pose,
+)
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
@@ -164,8 +173,37 @@ class MapReader:
                 places.extend(self._with_vectors(rows))
             links = Links(places.bounds.around)
             problem = _read_links(self._database, self._path, len(places), links)
+            trail = Trail(self._keyframes, self._trail_end())
         settings = self.encoding, places, self.pictures, self.keyframes, self.settings.map_id
-        return ReferenceMap(*settings, sessions, links, problem, keeps_images)
+        return ReferenceMap(*settings, sessions, links, problem, keeps_images, trail)
+
+    def _trail_end(self) -> int:
+        """Return the number of the next keyframe; 0 if the table is not there, or damaged."""
+        if self._database.number('PRAGMA user_version') < FORMAT_VERSION:
+            return 0
+        try:
+            return self._database.number('SELECT coalesce(max(number), -1) + 1 FROM keyframes')
+        except sqlite3.DatabaseError:
+            self._database.roll_back()
+            return 0
+
+    def _keyframes(self) -> list[Keyframe]:
+        """Return the keyframes of the drives with odometry, without those that are damaged."""
+        found, start = list[Keyframe](), 0
+        query = 'SELECT * FROM keyframes WHERE number >= ? ORDER BY number LIMIT ?'
+        with self._snapshot():
+            try:
+                while rows := self._database.rows(query, (start, _LINKS_AT_ONCE)):
+                    if rows[0][0] < start:
+                        break  # a damaged page leads to others, perhaps in a circle
+                    start = rows[-1][0] + 1
+                    for *row, crc32 in rows:
+                        with suppress(TypeError, ValueError, OverflowError):
+                            if crc32 == row_crc((*row,)):
+                                found.append(keyframe_of((*row[1:],)))
+            except sqlite3.DatabaseError:
+                self._database.roll_back()  # what was read before is valid
+        return found
 
     def _with_vectors(self, rows: Rows) -> Rows:
         """Return rows of `places`, with the model's vectors as descriptors if they are used."""

@@ -15,6 +15,7 @@ from convseq_ros.core.encoding.keypoints import BYTES, detect, StoredKeypoints
 from convseq_ros.core.encoding.mask import without_path
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.graph.links import Links
+from convseq_ros.core.graph.trail import Trail
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.image_coding import decode_image, encode_image, thumbnail
@@ -53,6 +54,7 @@ class ReferenceMap:
         links: Links | None = None,
         problem: str = '',
         keeps_images: bool = False,
+        trail: Trail | None = None,
     ) -> None:
         self.encoding, self.keyframes = without_path(encoding), keyframes
         self.map_id, self.sessions = map_id or str(uuid4()), [*sessions]
@@ -64,6 +66,7 @@ class ReferenceMap:
         self._moving = Lock()
         self._usual_mount: Pose | None = None
         self.links = Links(self.bounds.around) if links is None else links
+        self.trail = Trail() if trail is None else trail  # of its drives with odometry
         self.problem = problem  # one line about damage that does not prevent the use of the map
         self.keeps_images = keeps_images  # whether there may be images
         self.unreadable, self.unreadable_why = 0, ''

@@ -92,6 +92,12 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
     sessions = [part.session for part in slices]
     joined_map = ReferenceMap(first.encoding, places, read, first.keyframes, sessions=sessions)
     carry_links(origins, joined_map.links)
+    for source in dict.fromkeys(part.reference_map for part in slices):
+        kept = {part.session.id for part in slices if part.reference_map is source}
+        kept -= {part.session.id for part in slices if part.poses}  # they replace odometry
+        for keyframe in source.trail.since(0):
+            if keyframe.session_id in kept:
+                joined_map.trail.add(keyframe)
     return joined_map
 
 

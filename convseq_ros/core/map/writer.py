@@ -16,7 +16,7 @@ from convseq_ros.core.encoding.regions import global_descriptor as built_in
 from convseq_ros.core.graph.links import Row
 from convseq_ros.core.map.crash_recovery import EMPTY, open_to_write
 from convseq_ros.core.map.database import as_map_error, BESIDE, Database
-from convseq_ros.core.map.format import MapSession, packed_pose, Settings
+from convseq_ros.core.map.format import keyframe_row, MapSession, packed_pose, Settings
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.place import Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader
@@ -53,7 +53,8 @@ class MapWriter:
         map_id: str = '',
     ) -> None:
         encoding = without_path(encoding)
-        self._path, self.linked = path, 0  # rows of links of the source that are written already
+        # Rows of links, and keyframes, of the source that are written already.
+        self._path, self.linked, self.trailed = path, 0, 0
         if append and not path.is_file():
             raise MapError(f'{path}: no such map to add to; leave out --append to make it')
         with as_map_error(path):
@@ -63,7 +64,8 @@ class MapWriter:
                 self.is_new = self._make(settings, append)
                 self.reader = MapReader(path, encoding, keyframes)
                 self._count = self.committed = len(self.reader)
-                self._takes_links = _takes_links(self._database)
+                self._takes_links = _takes(self._database, 'links')
+                self._takes_keyframes = _takes(self._database, 'keyframes')
                 self._sessions = self._database.number('SELECT count(*) FROM sessions')
             except BaseException:
                 self.close()
@@ -72,15 +74,17 @@ class MapWriter:
     def reference_map(self) -> ReferenceMap:
         """Return the map of the file, which may grow; its links are written already."""
         opened = self.reader.reference_map()
-        self.linked = opened.links.looked_up_count
+        self.linked, self.trailed = opened.links.looked_up_count, len(opened.trail)
         return opened
 
     def _make(self, settings: Settings, append: bool | None) -> bool:
         """Make the file unless it is a map to append to; return whether it was made."""
         if self._database.number('PRAGMA page_count'):
+            found = MapReader(self._path)  # refuses what is no map
             if append is not False:
+                self._database.upgrade()
                 return False
-            if len(MapReader(self._path)):
+            if len(found):
                 raise MapError(
                     f'{self._path}: exists already; delete it first, or use build-map --append'
                 )
@@ -136,16 +140,20 @@ class MapWriter:
                 if self._takes_links:
                     write_links(self._database, rows)
             self.linked += len(rows)
+        for keyframe in reference_map.trail.since(self.trailed):
+            if self._takes_keyframes:
+                self._insert('keyframes', self.trailed, *keyframe_row(keyframe))
+            self.trailed += 1
 
     def copy(self, reference_map: ReferenceMap, end: int) -> None:
         """Append and commit; do neither if it fails."""
-        before = self._sessions, self.linked
+        before = self._sessions, self.linked, self.trailed
         try:
             self.append(reference_map, end)
             self.commit()
         except MapError:
             self._database.roll_back()
-            self._count, (self._sessions, self.linked) = self.committed, before
+            self._count, (self._sessions, self.linked, self.trailed) = self.committed, before
             raise
 
     def commit(self) -> None:
@@ -240,10 +248,10 @@ def write_links(database: Database, rows: Sequence[Row]) -> None:
         database.insert('links', row, 'INSERT OR REPLACE')
 
 
-def _takes_links(database: Database) -> bool:
-    """Return whether the table of links is readable, so that links can be added."""
+def _takes(database: Database, table: str) -> bool:
+    """Return whether a table is readable, so that rows can be added."""
     try:
-        return database.number('SELECT count(*) FROM links') >= 0
+        return database.number(f'SELECT count(*) FROM {table}') >= 0
     except sqlite3.DatabaseError:
         database.roll_back()
         return False

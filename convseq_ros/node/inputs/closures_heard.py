@@ -6,12 +6,11 @@ from typing import Any
 
 from convseq_ros.core.rigid import Matrix, matrix
 from convseq_ros.core.types import UNKNOWN_M2
-from convseq_ros.pose_graph.closures import Closure
+from convseq_ros.pose_graph.closures import Closure, usable
 from convseq_ros.sources.pose_track import pose_from_message
 import numpy as np
 
 _SAME_PLACE = np.diag([UNKNOWN_M2] * 3 + [0.0] * 3)
-_TURN_KNOWN_RAD2 = 3.0
 
 
 def closure_of(message: Any, sigma_rad: float) -> tuple[str, Closure] | None:
@@ -26,11 +25,8 @@ def closure_of(message: Any, sigma_rad: float) -> tuple[str, Closure] | None:
     if not (reference_ns and query_ns and found):
         return None
     pose, covariance = found
-    if covariance[5, 5] > _TURN_KNOWN_RAD2:
-        covariance = covariance + _SAME_PLACE
-        covariance[3:, 3:] = np.eye(3) * sigma_rad**2
     session = '' if session == own else session
-    return own, Closure(query_ns, reference_ns, pose, covariance, session)
+    return own, Closure(query_ns, reference_ns, pose, usable(covariance, sigma_rad), session)
 
 
 def closure_of_pair(message: Any, sigma_rad: float) -> Closure | None:

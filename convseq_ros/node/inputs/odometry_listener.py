@@ -11,7 +11,7 @@ from convseq_ros.node.inputs.following_subscription import FollowingSubscription
 from convseq_ros.node.inputs.listener import ListeningNode
 from convseq_ros.node.inputs.missing import Missing
 from convseq_ros.node.inputs.waiting import Waiting
-from convseq_ros.sources.pose_track import LONGEST_GAP_NS, pose_from_message, PoseTrack
+from convseq_ros.sources.pose_track import LONGEST_GAP_NS, odometry_from_message, PoseTrack
 from nav_msgs.msg import Odometry as OdometryMessage
 
 _DEPTH = 200  # messages of odometry that may wait
@@ -79,7 +79,7 @@ class OdometryListener:
 
     def _on_odometry(self, message: Any) -> None:
         stamp_ns = stamp_to_ns(message.header.stamp)
-        pose = pose_from_message(message.pose.pose)
+        pose = odometry_from_message(message)
         if not stamp_ns or pose is None:
             self._node.get_logger().warning(
                 f'{self.topic}: odometry without a stamp, or with values that are '

@@ -6,13 +6,14 @@ import math
 from uuid import UUID
 
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Candidate, Match, Pose, RelativePose, UNKNOWN_M2
+from convseq_ros.core.types import Candidate, Match, RelativePose, UNKNOWN_M2
 from convseq_ros.node.conversions import (
     cloud_message,
     match_header,
     pose_only_message,
     stamp_from_ns,
 )
+from convseq_ros.pose_graph.closures import told
 from nav_msgs.msg import Odometry
 import numpy as np
 import numpy.typing as npt
@@ -47,7 +48,6 @@ CLOSURE = np.dtype(
 """The one row of `~/closure`."""
 
 _NO_ID = UUID(int=0)
-UNKNOWN_RAD2 = 10.0  # variance of a turn that is not measured
 
 
 def closure_message(
@@ -83,19 +83,13 @@ def closure_odometry_message(
     Return an accepted match as the pose of the query in the reference, for tools that know us not.
 
     `header.frame_id` names the reference and `child_frame_id` the query, as `session/stamp_ns`;
-    they are no TF frames. A query that is not in the map has no session. Without a measured
-    position it is zero, with a variance of 1e6 m2; without a measured turn, of 10 rad2.
+    they are no TF frames. A query that is not in the map has no session. What is not measured has
+    the variances that `told` gives.
     """
     accepted, reference, query = _ends(match, reference_map, session_start)
     message = Odometry(header=match_header(match, f'{reference}/{accepted.reference_stamp_ns}'))
     message.child_frame_id = f'{query}/{match.query_stamp_ns}'
-    covariance = np.diag([UNKNOWN_M2] * 3 + [UNKNOWN_RAD2] * 3)
-    pose = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    if measured := match.relative_pose:
-        pose = Pose(measured.position_m or pose.position, measured.orientation)
-        covariance[3:, 3:] = measured.covariance[3:, 3:]
-        if measured.position_m:
-            covariance = measured.covariance
+    pose, covariance = told(match.relative_pose)
     message.pose.pose = pose_only_message(pose)
     message.pose.covariance = covariance.ravel()
     return message

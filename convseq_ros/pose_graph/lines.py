@@ -1,10 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A pose graph as the lines of a g2o file."""
+"""A pose graph as the lines of files that others read: g2o's, and trajectories as TUM's."""
 
 from collections.abc import Iterable, Iterator
+from operator import itemgetter
 
 from convseq_ros.core.rigid import Matrix, pose_of
+from convseq_ros.core.types import Pose
 from convseq_ros.pose_graph.edges import Edge, Poses
 import numpy as np
 
@@ -17,6 +19,14 @@ def g2o(poses: Poses, edges: Iterable[Edge]) -> Iterator[str]:
         information = np.linalg.inv(edge.covariance)
         upper = ' '.join(f'{value:.9g}' for value in information[np.triu_indices(6)])
         yield f'EDGE_SE3:QUAT {edge.start} {edge.end} {_numbers(edge.moved)} {upper}'
+
+
+def tum(stamped: Iterable[tuple[int, Pose]]) -> Iterator[str]:
+    """Yield stamped poses by time: seconds, position in metres, quaternion x y z w."""
+    for stamp_ns, pose in sorted(stamped, key=itemgetter(0)):
+        seconds, rest = divmod(stamp_ns, 10**9)
+        numbers = ' '.join(f'{value:.9g}' for value in (*pose.position, *pose.orientation))
+        yield f'{seconds}.{rest:09d} {numbers}'
 
 
 def _numbers(moved: Matrix) -> str:

@@ -1,0 +1,75 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The pose graph of a map: its drives with odometry, and their closures."""
+
+from collections.abc import Iterator
+from itertools import groupby
+from operator import attrgetter
+
+from convseq_ros.config.pose_graph_config import PoseGraphConfig
+from convseq_ros.core.graph.trail import Keyframe
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.rigid import composed_covariance, matrix
+from convseq_ros.core.types import Anchor, RelativePose
+from convseq_ros.pose_graph.closures import Closure, told, usable
+from convseq_ros.pose_graph.graph import PoseGraph
+import numpy as np
+
+_MOST_SOLUTIONS = 10  # of a drive: each may break odometry elsewhere
+
+
+def graph_of(stored: ReferenceMap, config: PoseGraphConfig) -> PoseGraph:
+    """
+    Return the graph of a map, solved; its newest drive is the running one, and may go on.
+
+    Its closures are those that were told while it was driven, and links that were measured later;
+    none of a place that a person unlinked. A drive with poses but no odometry is in no graph: its
+    poses count as they are. ConvseqError if GTSAM is not installed.
+    """
+    keyframes = stored.trail.since(0)
+    driven = {keyframe.session_id for keyframe in keyframes}
+    places = {anchor: at for at, anchor in enumerate(_anchors(stored))}
+    graph = PoseGraph(config, in_map=any(one.session_id not in driven for one in places))
+    for session, drive in groupby(keyframes, attrgetter('session_id')):
+        graph.pause()
+        ends = list[tuple[Keyframe, Anchor, RelativePose | None]]()
+        for keyframe in drive:
+            graph.add_odometry(keyframe.stamp_ns, matrix(keyframe.pose), keyframe.pose.variances)
+            ends += ((keyframe, *end) for end in _ends(keyframe, stored, places))
+        graph.name_session(session)
+        for keyframe, other, relative in ends:
+            pose, covariance = told(relative)
+            moved, covariance = matrix(pose), usable(covariance, config.closure_sigma_rad)
+            name = '' if other.session_id == session else other.session_id
+            graph.add_closure(Closure(keyframe.stamp_ns, other.stamp_ns, moved, covariance, name))
+            at = places.get(other)
+            if at is not None and other.session_id not in driven and stored.places[at].pose:
+                there = matrix(stored.places[at].pose)
+                spread = composed_covariance(there, np.zeros((6, 6)), moved, covariance)
+                graph.add_pose(keyframe.stamp_ns, there @ moved, spread)
+        for _ in range(_MOST_SOLUTIONS):
+            if problem := graph.problem():
+                graph.adopt(problem, problem.solve())
+    graph.pause()
+    graph.without_place = graph.twice = graph.restarts = 0
+    return graph
+
+
+def _anchors(stored: ReferenceMap) -> Iterator[Anchor]:
+    """Yield the session and the stamp of each place."""
+    ids, columns = [session.id for session in stored.sessions], stored.places.columns
+    rows = zip(columns['session'].tolist(), columns['stamp_ns'].tolist(), strict=True)
+    return (Anchor(ids[session], stamp_ns) for session, stamp_ns in rows)
+
+
+def _ends(
+    keyframe: Keyframe, stored: ReferenceMap, places: dict[Anchor, int]
+) -> Iterator[tuple[Anchor, RelativePose | None]]:
+    """Yield the places that a keyframe closes loops with, and its poses there."""
+    at = places.get(Anchor(keyframe.session_id, keyframe.stamp_ns), -1)
+    if keyframe.other and not stored.links.is_unlinked(at):
+        yield keyframe.other, keyframe.relative
+    link = stored.links.details(at)
+    if link and link.relative:
+        other = stored.places[link.other]
+        yield Anchor(stored.sessions[other.session].id, other.stamp_ns), link.relative
