@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A back end: corrects odometry with closures, and publishes the transform map -> odom."""
 
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 import sys
 from threading import Lock, Thread
@@ -10,7 +12,7 @@ import time
 from typing import Any
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
-from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.rigid import Matrix, matrix, pose_of
 from convseq_ros.core.types import LocalizationState, Pose
 from convseq_ros.errors import ConvseqError, with_traceback
@@ -44,6 +46,7 @@ _CLOSURES = 'vpr_node/closure_odometry'
 _WAIT_S = 2.0  # at the end, for a solution that is being computed
 _PERIOD_S = 1.0  # of diagnostics, and of the path
 _MOST_POSES = 5000  # of the path
+_WRITTEN_S, _POLL_S = 1.0, 0.1  # after which vpr_node has written what it heard, and twice that
 
 
 class PoseGraphNode(ListeningNode):
@@ -73,28 +76,41 @@ class PoseGraphNode(ListeningNode):
         )
         self._graph = PoseGraph(config)
         self._lock, self._solving = Lock(), Lock()
-        self._thread: Thread | None = None
         self._frame, self._map_id, self._read_id, self._problem = '', '', '', ''
+        # What was heard until the map is read, and since when; None where there is no map to read.
+        self._backlog: list[tuple[Callable[[Any], None], Any]] | None = None
+        self._heard_s = 0.0
+        path = Path(config.map_path)
+        if config.map_path and path.exists() and path.stat().st_size:
+            self._read_id, self._backlog = MapReader(path).settings.map_id, []
+        self._thread: Thread | None = None
         self._update_ms = self._solve_ms = 0.0
         self._breaks = set[int]()  # stamps at which odometry was loosened
         self._is_closed = self._is_localised = False
         self._transform = MapToOdom(self, config.map_frame, config.publish_tf)
         self._path = advertise(self, PathMessage, '~/path')
         self._diagnostics = advertise(self, DiagnosticArray, '/diagnostics')
-        self._odometry = FollowingSubscription(self, Odometry, 'odom', self._on_odometry, _DEPTH)
-        closures = FollowingSubscription(self, Odometry, _CLOSURES, self._on_closure, _DEPTH)
+
+        def hear(take: Callable[[Any], None]) -> Callable[[Any], None]:
+            return partial(self._hear, take)
+
+        self._odometry = FollowingSubscription(
+            self, Odometry, 'odom', hear(self._on_odometry), _DEPTH
+        )
+        closures = FollowingSubscription(self, Odometry, _CLOSURES, hear(self._on_closure), _DEPTH)
         for kind, topic, call in (
             (Float64MultiArray, 'vpr_node/loop_closure', self._on_pair),
             (PoseWithCovarianceStamped, 'vpr_node/pose', self._on_pose),
         ):
-            FollowingSubscription(self, kind, topic, call, _DEPTH)
-        with self._lock:  # what is heard meanwhile waits
-            self._read_map()
-        self.create_subscription(DiagnosticArray, 'vpr_node/map_info', self._on_map, LATCHED)
-        self.create_subscription(
-            DiagnosticStatus, 'vpr_node/localization', self._on_localization, LATCHED
-        )
+            FollowingSubscription(self, kind, topic, hear(call), _DEPTH)
+        for kind, topic, call in (
+            (DiagnosticArray, 'vpr_node/map_info', self._on_map),
+            (DiagnosticStatus, 'vpr_node/localization', self._on_localization),
+        ):
+            self.create_subscription(kind, topic, hear(call), LATCHED)
         self.create_service(Trigger, '~/save', self._on_save, qos_profile=SERVICE_QOS)
+        if self._backlog is not None:
+            self._catching_up = steady_timer(self, _POLL_S, self._catch_up)
         steady_timer(self, config.period_s, self._work)
         steady_timer(self, _PERIOD_S, self._report)
         self.get_logger().info(f'listening to {self._odometry.topic} and {closures.topic}')
@@ -114,18 +130,49 @@ class PoseGraphNode(ListeningNode):
                     self.get_logger().info(text)
         super().destroy_node()
 
-    def _read_map(self) -> None:
-        """Begin with the graph of the map, if it is there; MapError if it is damaged."""
-        path = Path(self._config.map_path)
-        if not self._config.map_path or not path.exists() or not path.stat().st_size:
+    def _hear(self, take: Callable[[Any], None], message: Any) -> None:
+        """Take in a message; until the map is read, later."""
+        with self._lock:
+            if self._backlog is not None:
+                self._backlog.append((take, message))
+                if take == self._on_odometry:
+                    self._heard_s = self._heard_s or time.monotonic()
+                return
+        take(message)
+
+    def _catch_up(self) -> None:
+        """Read the map, in another thread, when it has what was driven before this started."""
+        waits = not self._heard_s or time.monotonic() - self._heard_s < _WRITTEN_S
+        if waits or not self._solving.acquire(blocking=False):
             return
-        start_s, stored = time.perf_counter(), open_map(path)
-        self._graph, self._read_id = graph_of(stored, self._config), stored.map_id
-        count = sum(len(drive.keyframes) for drive in self._graph.drives)
-        self.get_logger().info(
-            f'{path}: {count} keyframes and {self._graph.counts["kept"]} closures of earlier '
-            f'drives, read in {time.perf_counter() - start_s:.1f} s'
-        )
+        self._catching_up.cancel()
+        self._thread = Thread(target=self._read_map, name='map')
+        self._thread.start()
+
+    def _read_map(self) -> None:
+        """Begin with the graph of the map, and take in what was heard; `_solving` is released."""
+        start_s, path = time.perf_counter(), self._config.map_path
+        try:
+            self._graph = graph_of(open_map(path), self._config)
+            count = sum(len(drive.keyframes) for drive in self._graph.drives)
+            self.get_logger().info(
+                f'{path}: {count} keyframes and {self._graph.counts["kept"]} closures of its '
+                f'drives, read in {time.perf_counter() - start_s:.1f} s'
+            )
+        except Exception as error:
+            self._graph = PoseGraph(self._config, in_map=True)
+            self._problem = f'the map is not read: {with_traceback(error)}'
+            self.get_logger().error(self._problem)
+        while heard := self._take_backlog():
+            for take, message in heard:
+                take(message)
+        self._solving.release()
+
+    def _take_backlog(self) -> list[tuple[Callable[[Any], None], Any]]:
+        """Return what was heard since the last call; when that is nothing, nothing waits again."""
+        with self._lock:
+            heard, self._backlog = self._backlog or [], [] if self._backlog else None
+        return heard
 
     def _on_odometry(self, message: Any) -> None:
         stamp_ns, pose = stamp_to_ns(message.header.stamp), odometry_from_message(message)
@@ -194,7 +241,8 @@ class PoseGraphNode(ListeningNode):
                     'both the same, and start again'
                 )
                 self.get_logger().error(self._problem)
-                self._graph, self._read_id = PoseGraph(self._config), ''
+                self._graph = PoseGraph(self._config, in_map=True)
+                self._read_id = ''
             with suppress(ValueError):
                 stamp_ns = int(values['last_stamp_ns'])
                 if self._graph.running.at(stamp_ns) is not None:
@@ -276,6 +324,8 @@ class PoseGraphNode(ListeningNode):
             return DiagnosticStatus.ERROR, self._problem
         if self._transform.problem:
             return DiagnosticStatus.ERROR, self._transform.problem
+        if self._heard_s and self._backlog is not None:
+            return DiagnosticStatus.WARN, 'the map is read'
         if not values['keyframes']:
             return DiagnosticStatus.WARN, f'no odometry on {self._odometry.topic}'
         text = '{keyframes} keyframes; closures: {kept} kept, {refused} refused'.format(**values)
