@@ -26,7 +26,7 @@ from convseq_ros.io.output_file import ANY, FIGURE
 from convseq_ros.io.regular_file import write_lines
 from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.edges import edges_of, Poses
-from convseq_ros.pose_graph.lines import g2o, tum
+from convseq_ros.pose_graph.lines import tum, write_g2o
 from convseq_ros.pose_graph.optimisation import optimise
 
 
@@ -82,7 +82,8 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
     session = [place.session for place in linked.places]
     edges = [*edges_of(poses, session, links)]
     if chosen.g2o:
-        write_lines(chosen.g2o, g2o(poses, edges))
+        stamps_ns = {at: place.stamp_ns for at, place in enumerate(linked.places)}
+        write_g2o(chosen.g2o, poses, edges, stamps_ns)
     if not (chosen.output or chosen.picture or chosen.tum):
         return
     start = align_sessions(poses, session, edges)

@@ -26,11 +26,12 @@ class PoseGraphConfig(Checked):
     tum_file: str = parameter(
         '', 'File to which ~/save and the end write the keyframes as TUM; empty for '
         'none.',
-        is_path=True,
+        is_path=True, dynamic=True,
     )
     g2o_file: str = parameter(
-        '', 'File to which ~/save and the end write the graph as g2o; empty for none.',
-        is_path=True,
+        '', 'File to which ~/save and the end write the graph as g2o, and FILE.csv with the times '
+        'of its vertices; empty for none.',
+        is_path=True, dynamic=True,
     )
     graph_spacing_m: float = parameter(
         2.0, 'Distance travelled, or turn by 20 degrees instead, after which odometry becomes a '

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 import sys
@@ -28,7 +29,7 @@ from convseq_ros.node.running import run_until_signal
 from convseq_ros.node.services.parameters import declare_group
 from convseq_ros.pose_graph.closures import Known
 from convseq_ros.pose_graph.graph import PoseGraph
-from convseq_ros.pose_graph.lines import g2o, tum
+from convseq_ros.pose_graph.lines import beside, tum, write_g2o
 from convseq_ros.pose_graph.optimisation import need_gtsam
 from convseq_ros.pose_graph.problem import Problem
 from convseq_ros.pose_graph.stored import graph_of
@@ -69,11 +70,7 @@ class PoseGraphNode(ListeningNode):
     def _open(self, config: PoseGraphConfig) -> None:
         need_gtsam()
         self._config = config
-        refuse_outputs(
-            OutputFile(name, Path(path), TEXT)
-            for name in ('tum_file', 'g2o_file')
-            if (path := getattr(config, name))
-        )
+        _refuse_files(config)
         self._graph = PoseGraph(config)
         self._lock, self._solving = Lock(), Lock()
         self._frame, self._map_id, self._read_id, self._problem = '', '', '', ''
@@ -354,16 +351,27 @@ class PoseGraphNode(ListeningNode):
 
     def _save(self) -> str:
         """Write the files that are wanted, and return their names; OSError if one fails."""
-        config, written = self._config, []
+        names = ('tum_file', 'g2o_file')  # which may be set at run time
+        chosen = {name: self.get_parameter(name).value for name in names}
+        config, written = replace(self._config, **chosen), []
+        _refuse_files(config)
         with self._lock:
-            (poses, edges), corrected = self._graph.whole(), self._graph.trajectory()
+            (poses, edges, stamps_ns), corrected = self._graph.whole(), self._graph.trajectory()
         if config.tum_file and poses:
             write_lines(Path(config.tum_file), tum(_posed(corrected)))
             written.append(config.tum_file)
         if config.g2o_file and poses:
-            write_lines(Path(config.g2o_file), g2o(poses, edges))
-            written.append(config.g2o_file)
+            write_g2o(Path(config.g2o_file), poses, edges, stamps_ns)
+            written += [config.g2o_file, str(beside(Path(config.g2o_file)))]
         return ', '.join(written) and f'written: {", ".join(written)}'
+
+
+def _refuse_files(config: PoseGraphConfig) -> None:
+    """Raise a ConfigError for a file that cannot be written, or is not ours to replace."""
+    files = [('tum_file', config.tum_file), ('g2o_file', config.g2o_file)]
+    if config.g2o_file:
+        files.append(('g2o_file', str(beside(Path(config.g2o_file)))))
+    refuse_outputs(OutputFile(name, Path(path), TEXT) for name, path in files if path)
 
 
 def _posed(trajectory: list[tuple[int, Matrix]]) -> list[tuple[int, Pose]]:

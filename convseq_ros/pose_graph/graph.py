@@ -317,15 +317,17 @@ class PoseGraph:
         """Take note that the robot is lost: its odometry may break here."""
         self.running.hints.append(len(self.running.keyframes))
 
-    def whole(self) -> tuple[dict[int, Matrix], list[Edge]]:
-        """Return the corrected keyframes of all drives by node, and all edges that count."""
-        poses, edges = dict[int, Matrix](), list[Edge]()
+    def whole(self) -> tuple[dict[int, Matrix], list[Edge], dict[int, int]]:
+        """Return the corrected keyframes of all drives by node, all edges, and stamps by node."""
+        poses, edges, stamps_ns = dict[int, Matrix](), list[Edge](), dict[int, int]()
         for drive in self.drives:
             first, count = self._first(drive), len(drive.keyframes)
             poses |= {first + at: pose for at, pose in enumerate(self.corrected(drive))}
             edges += [drive.edge(at, at + 1, first) for at in range(count - 1)]
+            stamps_ns |= {first + at: drive.keyframe_ns(at) for at in range(count)}
         kept = (one.edge for one in self.known.values() if one.edge and one.kept)
-        return poses, [*edges, *(edge for edge in kept if edge.start in poses)]
+        edges += (edge for edge in kept if edge.start in poses)
+        return poses, edges, stamps_ns
 
     def _first(self, drive: Odometry) -> int:
         """Return the node of a drive's first keyframe."""

@@ -25,6 +25,7 @@ from nav_msgs.msg import Path as PathMessage
 import numpy as np
 from programs import run
 import pytest
+from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
@@ -210,8 +211,19 @@ def test_files_are_written_by_the_service_and_at_the_end(client, graph_node, tmp
     kinds = [line.split()[0] for line in files['g2o_file'].read_text().splitlines()]
     assert kinds.count('VERTEX_SE3:QUAT') == NUM + 1
     assert kinds.count('EDGE_SE3:QUAT') == NUM + len(RIGHT)
+    stamps = (tmp_path / 'path.g2o.csv').read_text().splitlines()[1:]
+    assert stamps[:2] == ['vertex,stamp_ns', f'1,{stamp(0)}'] and len(stamps) == NUM + 2
     for path in files.values():
         path.unlink()
+    # Elsewhere, from now on; a file of others stays.
+    node.set_parameters([Parameter('tum_file', value=str(tmp_path / 'other.txt'))])
+    assert client.call(Trigger, '/pose_graph_node/save').success
+    assert (tmp_path / 'other.txt').exists() and not files['tum_file'].exists()
+    (tmp_path / 'mine.txt').write_text('mine')
+    node.set_parameters([Parameter('tum_file', value=str(tmp_path / 'mine.txt'))])
+    answer = client.call(Trigger, '/pose_graph_node/save')
+    assert not answer.success and 'was not written by this program' in answer.message
+    node.set_parameters([Parameter('tum_file', value=str(files['tum_file']))])
     client.executor.remove_node(node)
     node.destroy_node()
     assert all(path.exists() for path in files.values())
