@@ -100,7 +100,7 @@ def decoders() -> dict[str, Decoder]:
         ),
         'truth of positions': Decoder(
             [b'drive,x,y,z\nquery,1,2,3\nquery,2,3,4\n'],
-            _in_file('t.csv', lambda path: read_positions(path, 'query', 2)),
+            _in_file('t.csv', lambda path: read_positions(path, 'query', ['a', 'b'])),
         ),
         'result table': Decoder([_table()], _in_file('result.csv', read_results)),
     }

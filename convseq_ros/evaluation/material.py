@@ -117,7 +117,7 @@ def _positions(
     if part.backwards:
         raise SourceError(f'{data_set.name}: {name}: poses cannot go backwards; give a table')
     if data_set.truth.path is not None:
-        return read_positions(data_set.truth.path, name, len(drive), reading)
+        return read_positions(data_set.truth.path, name, drive.names, reading)
     track = PoseTrack(read_poses(part.path, part.odom, reading))
     poses = [track.at(stamp_ns) for stamp_ns in drive.stamps_ns]
     return np.array([pose.position if pose else (np.nan,) * 3 for pose in poses])

@@ -7,7 +7,7 @@ from contextlib import suppress
 import csv
 from dataclasses import dataclass
 import io
-from pathlib import Path
+from pathlib import Path, PurePath
 import re
 
 from convseq_ros.config.reading_config import ReadingConfig
@@ -20,6 +20,7 @@ Flags = npt.NDArray[np.bool_]
 Numbers = npt.NDArray[np.int64]
 Metres = npt.NDArray[np.float64]
 SLIP_FRAMES = 3
+_NAMES = 'image', 'filename', 'name'  # columns with the name of an image
 _WHOLE = re.compile(r'[0-9]+(\.0*)?')
 
 
@@ -152,13 +153,14 @@ def _columns(names: Sequence[str], path: Path) -> list[int]:
 
 
 def read_positions(
-    path: Path, drive: str, count: int, reading: ReadingConfig = ReadingConfig()
+    path: Path, drive: str, names: Sequence[str], reading: ReadingConfig = ReadingConfig()
 ) -> Metres:
     """
-    Return the positions of a drive's frames, `query` or `reference`, (count, 3), in metres.
+    Return the positions of a drive's images, `query` or `reference`, (N, 3), in metres.
 
-    The CSV table has the columns x, y and optionally z and `drive`, and one row per frame, in
-    order; a position that is not finite is unknown, NaN. SourceError for another table.
+    The CSV table has the columns x, y in metres and optionally z and `drive`. Rows belong to the
+    image that a column `image` (or filename, name) names; without one there is a row an image, in
+    order. A position that is not finite is unknown, NaN. SourceError for another table.
     """
     text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
     table = csv.DictReader(text)
@@ -167,16 +169,46 @@ def read_positions(
         rows: list[Mapping[str, str]] = list(table)
         rows = [row for row in rows if row.get('drive', drive).strip().lower() == drive]
         positions = [[float(row['x']), float(row['y']), float(row.get('z') or 0)] for row in rows]
+        column = next((name for name in _NAMES if name in table.fieldnames), None)
+        owners = [PurePath(row[column].strip()).name for row in rows] if column else None
     except (AttributeError, csv.Error, KeyError, TypeError, ValueError):
         raise SourceError(
             f'{path}: expected a CSV table with the columns x, y, z in metres'
         ) from None
-    if len(positions) != count:
+    if owners is not None:
+        positions = _by_name(positions, owners, drive, names, path)
+    if len(positions) != len(names):
         raise SourceError(
-            f'{path}: {len(positions)} positions for {count} {drive} images; give one for each'
+            f'{path}: {len(positions)} positions for {len(names)} {drive} images; give one for '
+            'each, or name the images in a column image'
         )
     found = np.array(positions).reshape(-1, 3)
     return np.where(np.isfinite(found).all(axis=1, keepdims=True), found, np.nan)
+
+
+def _by_name(
+    positions: list[list[float]],
+    owners: Sequence[str],
+    drive: str,
+    names: Sequence[str],
+    path: Path,
+) -> list[list[float]]:
+    """Return the positions of the named images, in their order."""
+    by_name = dict(zip(owners, positions, strict=True))
+    if len(by_name) < len(owners):
+        twice = next(name for name in owners if owners.count(name) > 1)
+        raise SourceError(
+            f'{path}: two rows name {twice!r}; leave one, or tell query and reference apart in a '
+            'column drive'
+        )
+    found = [by_name.get(name, by_name.get(PurePath(name).stem)) for name in names]
+    absent = [name for name, position in zip(names, found, strict=True) if position is None]
+    if absent:
+        raise SourceError(
+            f'{path}: no row names {len(absent)} of {len(names)} {drive} images, such as '
+            f'{absent[0]}; add them, with x nan where it is unknown'
+        )
+    return [position for position in found if position is not None]
 
 
 def _numbers(names: Sequence[str], first_index: int) -> Callable[[str], int]:

@@ -243,12 +243,40 @@ def test_an_invalid_table_of_pairs_is_refused_in_one_line(tmp_path, text, proble
 
 def test_positions_come_from_a_table_of_one_or_both_drives(tmp_path):
     both = write(tmp_path / 'both.csv', 'drive,x,y,z\nquery,1,2,3\nreference,4,5,6\n')
-    assert read_positions(both, 'reference', 1).tolist() == [[4, 5, 6]]
+    assert read_positions(both, 'reference', NAMES[:1]).tolist() == [[4, 5, 6]]
     named = write(tmp_path / 'named.csv', 'Drive, X, Y\nQuery,1,2\nQuery,inf,2\n')
-    np.testing.assert_array_equal(read_positions(named, 'query', 2), [[1, 2, 0], [np.nan] * 3])
+    found = read_positions(named, 'query', NAMES[:2])
+    np.testing.assert_array_equal(found, [[1, 2, 0], [np.nan] * 3])
     plain = write(tmp_path / 'plain.csv', 'x,y\n1,2\n')
-    assert read_positions(plain, 'query', 1).tolist() == [[1, 2, 0]]
+    assert read_positions(plain, 'query', NAMES[:1]).tolist() == [[1, 2, 0]]
     with pytest.raises(SourceError, match='1 positions for 2 query images'):
-        read_positions(plain, 'query', 2)
+        read_positions(plain, 'query', NAMES[:2])
     with pytest.raises(SourceError, match='expected a CSV table with the columns x, y, z'):
-        read_positions(write(tmp_path / 'bad.csv', 'a,b\n1,2\n'), 'query', 1)
+        read_positions(write(tmp_path / 'bad.csv', 'a,b\n1,2\n'), 'query', NAMES[:1])
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'image,x,y\nimg1.jpg,1,9\nimg7.jpg,7,9\nimg0.jpg,0,9\n',
+        'x,y,Name\n1,9,img1\n0,9,img0\n',
+        'name,filename,x,y\nlater,left/img1.jpg,1,9\nfirst,left/img0.jpg,0,9\n',
+    ],
+)
+def test_a_table_that_names_images_gives_positions_by_name_and_not_by_order(tmp_path, text):
+    table = write(tmp_path / 'poses.csv', text)
+    assert read_positions(table, 'query', NAMES[:2]).tolist() == [[0, 9, 0], [1, 9, 0]]
+
+
+@pytest.mark.parametrize(
+    ('rows', 'problem'),
+    [
+        ('img0.jpg,0,0\nother.jpg,0,0\n', 'no row names 1 of 2 query images, such as img1.jpg;'),
+        ('img0.jpg,0,0\nimg1.jpg,0,0\nimg0.jpg,1,0\n', "two rows name 'img0.jpg'; leave one"),
+        ('0,0,0\n1,0,0\n', 'no row names 2 of 2 query images'),
+    ],
+)
+def test_names_that_do_not_tell_each_image_are_refused_in_one_line(tmp_path, rows, problem):
+    with pytest.raises(SourceError, match=problem) as caught:
+        read_positions(write(tmp_path / 'p.csv', 'image,x,y\n' + rows), 'query', NAMES[:2])
+    assert '\n' not in str(caught.value)

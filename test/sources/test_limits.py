@@ -81,7 +81,7 @@ WHOLE_FILES = {
     ),
     'positions': (
         text_of('x,y\n' + '0,0\n' * 60),
-        lambda path, reading: read_positions(path, 'query', 60, reading),
+        lambda path, reading: read_positions(path, 'query', ['a.png'] * 60, reading),
     ),
     'scores': (array_of(np.ones((60, 60))), lambda p, r: read_scores(p, 60, 60, reading=r)),
     'descriptors': (array_of(np.ones((60, 60))), lambda p, r: read_descriptors(p, 60, r)),
