@@ -99,7 +99,7 @@ def decoders() -> dict[str, Decoder]:
             _in_file('t.csv', lambda path: read_pairs(path, ['a.jpg'], ['b.jpg'])),
         ),
         'truth of positions': Decoder(
-            [b'drive,x,y,z\nquery,1,2,3\nquery,2,3,4\n'],
+            [b'drive,x,y,z\nquery,1,2,3\nquery,2,3,4\n', b'image,lat,lon\na,-27.5,153\nb,9,8\n'],
             _in_file('t.csv', lambda path: read_positions(path, 'query', ['a', 'b'])),
         ),
         'result table': Decoder([_table()], _in_file('result.csv', read_results)),

@@ -15,6 +15,7 @@ from convseq_ros.evaluation.images import Images
 from convseq_ros.evaluation.truth import (
     from_pairs,
     past_only,
+    positions_in,
     read_pairs,
     read_positions,
     same_index,
@@ -104,7 +105,15 @@ def _truth(
         references = queries
         if data_set.reference is not None:
             references = _positions(data_set, data_set.reference, reference, 'reference', reading)
-        return within_radius(queries, references, source.radius_m)
+        truth = within_radius(queries, references, source.radius_m)
+        known = (np.isfinite(drive).all(axis=1) for drive in (queries, references))
+        if (all_right := truth.right[np.ix_(*known)]).size and all_right.all():
+            raise SourceError(
+                f'{data_set.name}: all positions lie within radius_m, {source.radius_m:g}, of '
+                'each other, so every place would be right; give a smaller radius_m, or name the '
+                'columns lat, lon if they are degrees'
+            )
+        return truth
     assert source.path is not None
     names = query.names, reference.names
     pairs = read_pairs(source.path, *names, source.first_index, reading)
@@ -118,6 +127,8 @@ def _positions(
         raise SourceError(f'{data_set.name}: {name}: poses cannot go backwards; give a table')
     if data_set.truth.path is not None:
         return read_positions(data_set.truth.path, name, drive.names, reading)
+    if (told := positions_in(drive.names)) is not None:
+        return told
     track = PoseTrack(read_poses(part.path, part.odom, reading))
     poses = [track.at(stamp_ns) for stamp_ns in drive.stamps_ns]
     return np.array([pose.position if pose else (np.nan,) * 3 for pose in poses])

@@ -7,6 +7,7 @@ from contextlib import suppress
 import csv
 from dataclasses import dataclass
 import io
+import math
 from pathlib import Path, PurePath
 import re
 
@@ -20,6 +21,7 @@ Flags = npt.NDArray[np.bool_]
 Numbers = npt.NDArray[np.int64]
 Metres = npt.NDArray[np.float64]
 SLIP_FRAMES = 3
+_EQUATOR_M, _ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3  # of the ellipsoid WGS 84
 _NAMES = 'image', 'filename', 'name'  # columns with the name of an image
 _WHOLE = re.compile(r'[0-9]+(\.0*)?')
 
@@ -158,9 +160,10 @@ def read_positions(
     """
     Return the positions of a drive's images, `query` or `reference`, (N, 3), in metres.
 
-    The CSV table has the columns x, y in metres and optionally z and `drive`. Rows belong to the
-    image that a column `image` (or filename, name) names; without one there is a row an image, in
-    order. A position that is not finite is unknown, NaN. SourceError for another table.
+    The CSV table has the columns x, y in metres, or lat, lon (latitude, longitude) in degrees, and
+    optionally z and `drive`. Rows belong to the image that a column `image` (or filename, name)
+    names; without one there is a row an image, in order. A position that is not finite is unknown,
+    NaN. SourceError for another table.
     """
     text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
     table = csv.DictReader(text)
@@ -168,12 +171,13 @@ def read_positions(
         table.fieldnames = [name.strip().lower() for name in table.fieldnames or []]
         rows: list[Mapping[str, str]] = list(table)
         rows = [row for row in rows if row.get('drive', drive).strip().lower() == drive]
-        positions = [[float(row['x']), float(row['y']), float(row.get('z') or 0)] for row in rows]
+        positions = [_position(row) for row in rows]
         column = next((name for name in _NAMES if name in table.fieldnames), None)
         owners = [PurePath(row[column].strip()).name for row in rows] if column else None
     except (AttributeError, csv.Error, KeyError, TypeError, ValueError):
         raise SourceError(
-            f'{path}: expected a CSV table with the columns x, y, z in metres'
+            f'{path}: expected a CSV table with the columns x, y, z in metres, or lat, lon in '
+            'degrees'
         ) from None
     if owners is not None:
         positions = _by_name(positions, owners, drive, names, path)
@@ -184,6 +188,35 @@ def read_positions(
         )
     found = np.array(positions).reshape(-1, 3)
     return np.where(np.isfinite(found).all(axis=1, keepdims=True), found, np.nan)
+
+
+def _position(row: Mapping[str, str]) -> list[float]:
+    """Return x, y, z of a row, in metres; degrees count from the Earth's centre (WGS 84)."""
+    height_m = float(row.get('z') or 0)
+    if 'x' in row:
+        return [float(row['x']), float(row['y']), height_m]
+    latitude = float(row['lat'] if 'lat' in row else row['latitude'])
+    longitude = math.radians(float(row['lon'] if 'lon' in row else row['longitude']))
+    if abs(latitude) > 90:
+        raise ValueError(latitude)
+    sine, cosine = (turn(math.radians(latitude)) for turn in (math.sin, math.cos))
+    radius_m = _EQUATOR_M / math.sqrt(1 - _ECCENTRICITY_2 * sine**2)
+    out_m = (radius_m + height_m) * cosine
+    up_m = (radius_m * (1 - _ECCENTRICITY_2) + height_m) * sine
+    return [out_m * math.cos(longitude), out_m * math.sin(longitude), up_m]
+
+
+def positions_in(names: Sequence[str]) -> Metres | None:
+    """
+    Return positions that names of images tell, (N, 3); None if one tells none.
+
+    They have the form @EAST@NORTH@, metres of UTM, as many public data sets do.
+    """
+    found = [name.split('@')[:4] for name in names]
+    try:
+        return np.array([[float(east), float(north), 0.0] for _, east, north, _ in found])
+    except ValueError:
+        return None
 
 
 def _by_name(

@@ -11,6 +11,7 @@ from convseq_ros.evaluation.material import open_material
 from convseq_ros.evaluation.truth import (
     from_pairs,
     past_only,
+    positions_in,
     read_pairs,
     read_positions,
     same_index,
@@ -266,6 +267,58 @@ def test_positions_come_from_a_table_of_one_or_both_drives(tmp_path):
 def test_a_table_that_names_images_gives_positions_by_name_and_not_by_order(tmp_path, text):
     table = write(tmp_path / 'poses.csv', text)
     assert read_positions(table, 'query', NAMES[:2]).tolist() == [[0, 9, 0], [1, 9, 0]]
+
+
+@pytest.mark.parametrize(
+    ('latitude', 'metres'), [(0, (110574.3, 111319.5)), (60, (111412.3, 55799.5))]
+)
+def test_degrees_become_metres_on_the_ellipsoid(tmp_path, latitude, metres):
+    # The lengths of a degree of latitude and of longitude are those of the published table.
+    north, east = latitude + 1e-3, 153.001
+    rows = f'{latitude},153\n{north},153\n{latitude},{east}\n'
+    for names in ('lat,lon', 'Latitude, Longitude'):
+        table = write(tmp_path / 'p.csv', f'{names}\n{rows}')
+        start, *ends = read_positions(table, 'query', NAMES[:3])
+        distances = [1000 * np.linalg.norm(end - start) for end in ends]
+        assert distances == pytest.approx(metres, abs=3)
+
+
+def test_of_degrees_and_metres_metres_count_and_degrees_have_bounds(tmp_path):
+    both = write(tmp_path / 'both.csv', 'lat,lon,x,y,z\n9,9,1,2,3\n')
+    assert read_positions(both, 'query', NAMES[:1]).tolist() == [[1, 2, 3]]
+    high = write(tmp_path / 'high.csv', 'lat,lon,z\n0,0,100\n90,0,100\n')
+    found = read_positions(high, 'query', NAMES[:2])
+    assert found == pytest.approx(np.array([[6378237, 0, 0], [0, 0, 6356852.3]]), abs=0.1)
+    swapped = write(tmp_path / 'swapped.csv', 'lat,lon\n153,-27\n')
+    with pytest.raises(SourceError, match='x, y, z in metres, or lat, lon in degrees'):
+        read_positions(swapped, 'query', NAMES[:1])
+
+
+def test_degrees_that_are_called_metres_are_refused(street):
+    rows = [f'-27.{index:04},153.02' for index in range(24)]
+    street.write('\n'.join(['x,y', *rows, 'nan,nan']), 'poses.csv')
+    text = yaml(truth='{kind: poses, path: poses.csv, radius_m: 5}')
+    (street.folder / 'query' / '024.png').write_bytes(b'')
+    (street.folder / 'reference' / '024.png').write_bytes(b'')
+    street.write(text)
+    with pytest.raises(SourceError, match=r'every place would be right; .* columns lat, lon'):
+        street.open()
+    street.write('\n'.join(['lat,lon', *rows, 'nan,nan']), 'poses.csv')
+    street.write(text.replace('5}', '12}'))  # 11 m a row
+    right = street.open().truth.right
+    assert columns(right[5]) == [4, 5, 6] and columns(right[24]) == []
+
+
+def test_names_of_images_may_tell_where_they_are(street):
+    for drive, offset in (('query', 3), ('reference', 0)):
+        for index in range(24):
+            image = street.folder / drive / f'{index:03d}.png'
+            name = f'@{545000 + 2 * (index + offset):010.2f}@4180123.45@10@S@{index}@.png'
+            image.rename(image.with_name(name))
+    street.write(yaml(truth='{kind: poses, radius_m: 2.5}'))
+    assert columns(street.open().truth.right[5]) == [7, 8, 9]
+    for names in (['@1@2@.jpg', 'img1.jpg'], ['@1@two@.jpg'], ['@1@2.jpg']):
+        assert positions_in(names) is None
 
 
 @pytest.mark.parametrize(
