@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from convseq_ros.evaluation.libraries import load
+from convseq_ros.evaluation.scorecard import RECALL_COUNTS
 
 HEADINGS = {
     'set': 'set',
@@ -15,6 +16,7 @@ HEADINGS = {
     'matched_known': 'of',
     'accuracy_all': 'acc. all',
     'known': 'of all',
+    **{f'recall_at_{count}': f'R@{count}' for count in RECALL_COUNTS},
     'auc_pr': 'AUC-PR',
     'recall_at_100_precision': 'R at 100 % P',
     'precision_at_100_recall': 'P at 100 % R',

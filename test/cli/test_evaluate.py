@@ -35,7 +35,9 @@ def evaluate(street, *arguments):
 
 def test_a_table_is_printed_and_the_folder_written(street, capsys):
     assert evaluate(street, street, '--method', 'cohog', '--method', 'hog') == 0
-    lines = capsys.readouterr().out.splitlines()
+    out, err = capsys.readouterr()
+    lines = out.splitlines()
+    assert not err and 'R@1   R@5  R@10  R@20 ' in lines[0]
     assert lines[0].split()[:3] == ['set', 'method', 'acc.']
     assert [line.split()[:3] for line in lines[1:]] == [
         ['street', 'cohog', '1.000'],
