@@ -131,6 +131,11 @@ def _measure_set(
     material = open_material(data_set, config.encoding, config.reading)
     for line in dict.fromkeys([*material.query.warnings, *material.reference.warnings]):
         warn(line)
+    if material.unmissable:
+        warn(
+            f'{data_set.name}: for {material.unmissable} of {len(material.truth.right)} queries '
+            'every place is right, so no answer is wrong; consider a smaller tolerance or radius_m'
+        )
     name = f'{data_set.name}-open' if protocol == OPEN else data_set.name
     results = []
     for method in methods:
@@ -164,6 +169,7 @@ def _measure(material: Material, method: Method, protocol: str, name: str, plan:
         },
         'truth': hashlib.sha256(np.packbits(outcome.right).tobytes()).hexdigest(),
         'references': outcome.right.shape[1],
+        'unmissable': material.unmissable,
         **summarize(outcome, verdicts, plan.criterion),
         'configuration': {
             'kind': method.name.kind,

@@ -42,6 +42,16 @@ class Material:
         default_factory=dict, compare=False, repr=False
     )
 
+    @property
+    def unmissable(self) -> int:
+        """How many queries have every place that they are compared with as a right one."""
+        queries, places = self.truth.right.shape
+        asked = np.full(queries, places)
+        if self.data_set.online:
+            asked = np.arange(queries) + 1 - max(1, self.data_set.exclude_recent)
+        right = self.truth.right.sum(axis=1)
+        return int((self.truth.known & (right == asked)).sum())
+
     def drives(self, encoding: EncodingConfig) -> tuple[DescribedDrive, DescribedDrive]:
         """Return the described query and reference."""
         if encoding not in self._drives:

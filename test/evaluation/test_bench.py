@@ -221,6 +221,19 @@ def test_images_that_cannot_be_read_are_told(street, quick, tmp_path):
     assert 'query: 1 of 24 images cannot be read, such as' in line and '003.png' in line
 
 
+def test_queries_with_every_place_right_are_told_once_and_on_the_page(street, quick, tmp_path):
+    street.write(street.file.read_text().replace('tolerance: 1', 'tolerance: 13'))
+    warnings = []
+    sets = [open_data_set(str(street.file))]
+    methods = ('cohog', 'hog')
+    found = evaluate(sets, quick, Plan(methods), tmp_path / 'out', warn=warnings.append)
+    assert [one['unmissable'] for one in found] == [4, 4]
+    (line,) = warnings
+    assert line.startswith('street: for 4 of 24 queries every place is right')
+    page = (tmp_path / 'out' / 'report.html').read_text('utf-8')
+    assert 'every place is right for 4 queries' in page
+
+
 def test_references_of_one_time_keep_their_numbers(street, quick, tmp_path):
     for index in range(24):
         image = street.folder / 'reference' / f'{index:03d}.png'

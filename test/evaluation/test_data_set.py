@@ -128,6 +128,19 @@ def test_positions_give_the_truth(street):
     assert right[5].nonzero()[0].tolist() == [4, 5, 6]
 
 
+def test_queries_that_no_answer_misses_are_counted(street, loop):
+    street.write('query,reference,tolerance\n0,0,99\n1,0,22\n2,12,99\n', 'gt.csv')
+    street.write(yaml(truth='{kind: table, path: gt.csv}'))
+    assert street.open().unmissable == 2
+    # Frame 20 is compared with the first alone, 21 with the first two.
+    loop.write('query,reference\n20,0\n21,0\n', 'loops.csv')
+    text = 'query: {path: drive}\ntruth: {kind: table, path: loops.csv}'
+    loop.write(text)
+    assert loop.open().unmissable == 1
+    loop.write(f'{text}\nexclude_recent: 0')
+    assert loop.open().unmissable == 0
+
+
 NAMES = [f'img{index}.jpg' for index in range(6)]
 
 

@@ -35,6 +35,8 @@ def section_of(material: Material, encoding: EncodingConfig, results: Sequence[R
     first = results[0].summary
     facts = [str(first['protocol']), f'{first["queries"]} queries']
     facts += [f'{first["references"]} references', f'truth: {material.data_set.truth.kind}']
+    if first['unmissable']:
+        facts.append(f'every place is right for {first["unmissable"]} queries')
     pairs = dict[str, list[Pair]]()
     for result in results:
         for verdict, pair in _pairs(material, encoding, result):
