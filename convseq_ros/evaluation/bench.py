@@ -21,7 +21,7 @@ from convseq_ros.evaluation.provenance import provenance
 from convseq_ros.evaluation.query_answers import overridden
 from convseq_ros.evaluation.report.page import Section, write_page
 from convseq_ros.evaluation.report.results import Result, section_of
-from convseq_ros.evaluation.scorecard import add_pcu, judge, summarize, Summary, threshold_figures
+from convseq_ros.evaluation.scorecard import judge, summarize, Summary, threshold_figures
 from convseq_ros.evaluation.table import table_of
 import numpy as np
 
@@ -141,12 +141,10 @@ def _measure_set(
     for method in methods:
         report(f'{name}: {method.name.label}')
         results.append(_measure(material, method, protocol, name, plan))
-    summaries = [one.summary for one in results]
-    add_pcu(summaries)
     for one in results:
         folder = output / name / one.summary['method']
         run_folder.write_run(folder, one.outcome, one.verdicts, one.summary)
-    return summaries, section_of(material, config.encoding, results)
+    return [one.summary for one in results], section_of(material, config.encoding, results)
 
 
 def _measure(material: Material, method: Method, protocol: str, name: str, plan: Plan) -> Result:

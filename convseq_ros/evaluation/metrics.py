@@ -64,18 +64,6 @@ def recall_at_full_precision(curve: Curve) -> float | None:
     return float(curve.recall[curve.precision == 1.0].max(initial=0.0))
 
 
-def performance_per_compute_unit(
-    precision: float, encode_ms: float, slowest_encode_ms: float
-) -> float:
-    """
-    Return PCU = P log10(t_max / t + 9), equation 7 of the paper.
-
-    P is the precision at 100 % recall, t the encoding time of an image, and t_max that of the
-    slowest method of the comparison, whose PCU is P.
-    """
-    return precision * math.log10(slowest_encode_ms / encode_ms + 9)
-
-
 def highest_wrong(correct: Flags, values: Values) -> float:
     """Return the highest value of a wrong answer; -inf if no answer is wrong."""
     return float(values[~correct].max(initial=-math.inf))

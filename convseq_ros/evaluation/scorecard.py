@@ -122,17 +122,6 @@ def curve_figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]
     }
 
 
-def add_pcu(summaries: Sequence[Summary]) -> None:
-    """Add `pcu` to the summaries of the methods of one set; None where a part was not measured."""
-    times = [summary['encode_ms'] for summary in summaries if summary.get('encode_ms')]
-    for summary in summaries:
-        precision, time_ms = summary.get('precision_at_100_recall'), summary.get('encode_ms')
-        summary['pcu'] = None
-        if precision is not None and time_ms:
-            pcu = metrics.performance_per_compute_unit(precision, time_ms, max(times))
-            summary['pcu'] = pcu
-
-
 def decisions(verdicts: Verdicts) -> dict[str, float | None]:
     """Return how many answers the method accepts, and how many of these are right."""
     right = verdicts.accepted & verdicts.correct

@@ -20,7 +20,6 @@ HEADINGS = {
     'auc_pr': 'AUC-PR',
     'recall_at_100_precision': 'R at 100 % P',
     'precision_at_100_recall': 'P at 100 % R',
-    'pcu': 'PCU',
     'accepted_recall': 'accepted R',
     'false_closures': 'false',
     'slips': 'slips',

@@ -17,7 +17,6 @@ from convseq_ros.evaluation.metrics import (
 )
 from convseq_ros.evaluation.protocols import Outcome
 from convseq_ros.evaluation.scorecard import (
-    add_pcu,
     curve_figures,
     decisions,
     first_closures,
@@ -230,18 +229,6 @@ def test_figures_are_zero_where_no_answer_is_right_though_one_exists():
     assert figures(verdicts(correct=none), 'score')['precision_at_100_recall'] == 0
     found = figures(verdicts(correct=none, matched=none), 'score')
     assert found['precision_at_100_recall'] is None
-
-
-def test_each_method_of_a_set_is_compared_with_the_slowest_of_them():
-    times = (0.5, 1.0), (0.8, 91.0), (0.8, None), (None, 2.0)
-    summaries = [{'precision_at_100_recall': one, 'encode_ms': ms} for one, ms in times]
-    add_pcu(summaries)
-    assert [one['pcu'] for one in summaries] == [
-        pytest.approx(1.0),
-        pytest.approx(0.8),
-        None,
-        None,
-    ]
 
 
 def test_the_threshold_accepts_the_answers_that_beat_all_wrong_ones():
