@@ -27,8 +27,8 @@ class SequenceConfig(Checked):
         low=0.0, high=1.0, dynamic=True,
     )
     min_length: int = parameter(
-        2, 'Frames of the shortest sequence that is chosen.',
-        unit='frames', low=2, high=100, dynamic=True,
+        2, 'Frames of the shortest sequence that is chosen; 1 in the paper.',
+        unit='frames', low=1, high=100, dynamic=True,
     )
     max_overlap_length: int = parameter(
         15, 'Frames up to which similarity alone makes a sequence grow.',

@@ -68,6 +68,15 @@ def test_the_longest_and_the_shortest_chosen_length_are_kept():
     assert length(frames(30), [0] * 30, SequenceConfig(min_length=5)) == 5
 
 
+def test_a_shortest_length_of_one_frame_lets_the_next_one_decide():
+    single = SequenceConfig(min_length=1)
+    assert length(frames(9), [1, 0.5] + [1] * 7, single) == 1
+    assert length(frames(9), [1, 1, 0.5] + [1] * 6, single) == 3
+    grows = replace(single, max_length=4)
+    assert length(frames(9, 0.1), [1, 0.5] + [1] * 7, grows) == 4
+    assert length(frames(1), [1], single) is None
+
+
 def test_the_length_is_unknown_while_the_outermost_frame_overlaps_the_anchor():
     assert length(frames(4), [1] * 4) is None
     assert length(frames(4), [1, 1, 1, 0.5]) == 4

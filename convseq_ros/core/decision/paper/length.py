@@ -24,7 +24,8 @@ def choose_length(
     Notes
     -----
     Departures from the paper: (1) information gain is as in the released script:
-    `similarity >= overlap_threshold` extends the sequence; (2) the shortest chosen length is 2;
+    `similarity >= overlap_threshold` extends the sequence; (2) the shortest chosen length is 2,
+    as there, and the paper's 1 only with `min_length` 1, where the next frame decides;
     (3) online, the anchor is the newest frame and the sequence extends into the past (the paper's
     anchor is the oldest frame and needs up to 24 future ones); (4) uninformative frames are
     ignored.
@@ -32,7 +33,7 @@ def choose_length(
     """
 
     def overlaps(length: int) -> bool:
-        other, least = outward[length - 1], config.overlap_threshold
+        other, least = outward[: max(2, length)][-1], config.overlap_threshold
         return not other.informative or similarity(outward[0], other) >= least
 
     available, length = len(outward), config.fixed_length or config.min_length
