@@ -45,6 +45,12 @@ def table_of(summaries: Sequence[Mapping[str, Any]]) -> Any:
     return load('pandas').DataFrame(rows)
 
 
+def latex_of(summaries: Sequence[Mapping[str, Any]]) -> str:
+    """Return the table as LaTeX with booktabs; ConvseqError if a library is missing."""
+    load('jinja2')
+    return str(table_of(summaries).to_latex(index=False, escape=True))
+
+
 def _text(value: Any) -> str:
     if value is None:
         return '-'
