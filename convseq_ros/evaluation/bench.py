@@ -21,7 +21,13 @@ from convseq_ros.evaluation.provenance import provenance
 from convseq_ros.evaluation.query_answers import overridden
 from convseq_ros.evaluation.report.page import Section, write_page
 from convseq_ros.evaluation.report.results import Result, section_of
-from convseq_ros.evaluation.scorecard import judge, summarize, Summary, threshold_figures
+from convseq_ros.evaluation.scorecard import (
+    difference,
+    judge,
+    summarize,
+    Summary,
+    threshold_figures,
+)
 from convseq_ros.evaluation.table import table_of
 import numpy as np
 
@@ -141,6 +147,9 @@ def _measure_set(
     for method in methods:
         report(f'{name}: {method.name.label}')
         results.append(_measure(material, method, protocol, name, plan))
+    for one in results[1:]:
+        one.summary['difference_from'] = results[0].summary['method']
+        one.summary.update(difference(one.outcome, one.verdicts, results[0].verdicts))
     for one in results:
         folder = output / name / one.summary['method']
         run_folder.write_run(folder, one.outcome, one.verdicts, one.summary)

@@ -3,7 +3,7 @@
 """Computes the figures of a summary from the answers of a method."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 import math
 from typing import Any
@@ -199,15 +199,38 @@ def ranked(outcome: Outcome) -> SequenceScores:
     return ranks
 
 
+def _intervals(
+    outcome: Outcome, figures: Callable[[npt.NDArray[np.int64]], Mapping[str, float | None]]
+) -> dict[str, tuple[float, float]]:
+    """Return 95 % intervals; `figures` gets the answers that a resample takes."""
+    count = len(outcome.query)
+    # The parts of a map are asked the same frames, so a frame is chosen in all of them.
+    parts = range(0, len(outcome.matches), count)
+    return metrics.block_intervals(
+        count, lambda chosen: figures(np.concatenate([chosen + part for part in parts]))
+    )
+
+
+def difference(outcome: Outcome, verdicts: Verdicts, first: Verdicts) -> Summary:
+    """
+    Return how far `accuracy_all` is above that of the first method, and its 95 % interval.
+
+    Both methods are resampled alike, so that what is hard for both does not widen the interval.
+    """
+    gain = verdicts.correct.astype(np.int64) - first.correct
+
+    def figures(chosen: npt.NDArray[np.int64]) -> dict[str, float | None]:
+        return {'': metrics.share(int(gain[chosen].sum()), int(first.known[chosen].sum()))}
+
+    low, high = _intervals(outcome, figures).get('', (None, None))
+    value = figures(np.arange(len(gain)))['']
+    return {'difference': value, 'difference_low': low, 'difference_high': high}
+
+
 def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> Summary:
     """Return every figure of one method on one set, with 95 % intervals of the shares."""
     lengths = verdicts.lengths[verdicts.lengths > 0]
-    count, halves = len(outcome.query), range(0, len(verdicts.matched), len(outcome.query))
-    # The parts of a map are asked the same frames, so a frame is chosen in all of them.
-    intervals = metrics.block_intervals(
-        count,
-        lambda chosen: shares(verdicts.of(np.concatenate([chosen + first for first in halves]))),
-    )
+    intervals = _intervals(outcome, lambda chosen: shares(verdicts.of(chosen)))
     recalls = metrics.recall_at(ranked(outcome), outcome.right, RECALL_COUNTS)
     counts = Counter(lengths.tolist())
     confidence = verdicts.values['confidence']

@@ -16,6 +16,7 @@ HEADINGS = {
     'matched_known': 'of',
     'accuracy_all': 'acc. all',
     'known': 'of all',
+    'over_first': 'over first',
     **{f'recall_at_{count}': f'R@{count}' for count in RECALL_COUNTS},
     'auc_pr': 'AUC-PR',
     'recall_at_100_precision': 'R at 100 % P',
@@ -34,14 +35,21 @@ HEADINGS = {
 
 def table_of(summaries: Sequence[Mapping[str, Any]]) -> Any:
     """Return the main figures of every summary as a pandas table of texts, - for None."""
+    paired = any('difference' in summary for summary in summaries)
+    shown = {name: text for name, text in HEADINGS.items() if paired or name != 'over_first'}
     rows = []
     for summary in summaries:
         low, high = summary.get('accuracy_matched_low'), summary.get('accuracy_matched_high')
         interval = '' if low is None or high is None else f'{low:.2f}-{high:.2f}'
+        over_first = ''
+        if summary.get('difference') is not None:
+            ends = (f'{summary[f"difference_{end}"]:+.2f}' for end in ('low', 'high'))
+            over_first = f'{summary["difference"]:+.3f} ({" to ".join(ends)})'
         delays = (summary.get('frames_to_first_closure') or {}).values()
         first = ', '.join('-' if count is None else str(count) for count in delays)
-        figures = {**summary, 'interval': interval, 'first_closures': first}
-        rows.append({text: _text(figures.get(name)) for name, text in HEADINGS.items()})
+        made = {'interval': interval, 'first_closures': first, 'over_first': over_first}
+        figures = {**summary, **made}
+        rows.append({text: _text(figures.get(name)) for name, text in shown.items()})
     return load('pandas').DataFrame(rows)
 
 

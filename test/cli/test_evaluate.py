@@ -43,7 +43,16 @@ def test_a_table_is_printed_and_the_folder_written(street, capsys):
         ['street', 'cohog', '1.000'],
         ['street', 'hog', '1.000'],
     ]
+    assert [line.split()[7:11] for line in lines[1:]] == [
+        ['1.000', '1.000', '1.000', '1.000'],
+        ['+0.000', '(+0.00', 'to', '+0.00)'],
+    ]
     assert (street.parent / 'out' / 'summary.csv').exists()
+
+
+def test_one_method_is_over_no_first_one(street, capsys):
+    assert evaluate(street, street, '--method', 'cohog') == 0
+    assert 'over first' not in capsys.readouterr().out
 
 
 def test_results_of_several_people_are_put_in_one_table(street, capsys):

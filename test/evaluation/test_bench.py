@@ -84,6 +84,10 @@ def test_an_evaluation_folder_holds_consistent_results(street, quick, tmp_path):
     scores = np.load(method / 'scores.npy', allow_pickle=False)
     assert scores.shape == (24, 24)
     assert scores.dtype == np.float32
+    other = json.loads((output / 'street' / 'hog' / 'summary.json').read_text())
+    assert 'difference' not in summary and other['difference_from'] == 'convseq'
+    gain = other['accuracy_all'] - summary['accuracy_all']
+    assert other['difference'] == pytest.approx(gain)
     table = rows(output / 'summary.csv')
     assert [(row['set'], row['method']) for row in table] == [
         ('street', 'convseq'),

@@ -19,6 +19,7 @@ from convseq_ros.evaluation.protocols import Outcome
 from convseq_ros.evaluation.scorecard import (
     curve_figures,
     decisions,
+    difference,
     first_closures,
     judge,
     ranked,
@@ -194,15 +195,42 @@ def test_recall_at_1_is_that_of_the_answers_and_others_follow_by_sequence_score(
     assert recall_at(ranks, right, (1, 2, 3, 4)) == {1: 0, 2: 0, 3: 0.5, 4: 0.5}
 
 
-def test_intervals_take_a_frame_in_all_parts_of_the_map_at_once():
-    rng = np.random.default_rng(2)
-    right = rng.random(60) < 0.5
+def answered(right):
+    """Return an outcome with right and wrong answers, as flags (Q,) say."""
     matches = [
         Match(at, 0, Reason.WEAK, (Candidate(0 if flag else 1, 0, 0.5),))
         for at, flag in enumerate(right)
     ]
-    truth, scores = np.tile(np.array([1, 0, 0], bool), (60, 1)), np.zeros((60, 3))
-    once = outcome(matches, scores, truth)
+    count = len(right)
+    return outcome(matches, np.zeros((count, 3)), np.tile(np.array([1, 0, 0], bool), (count, 1)))
+
+
+def over(right, first, known=None):
+    """Return the difference of two methods whose answers are right or not, as flags (Q,) say."""
+    one, other = answered(right), answered(first)
+    if known is not None:
+        one, other = (replace(made, right=made.right & known[:, None]) for made in (one, other))
+    return tuple(difference(one, judge(one), judge(other)).values())
+
+
+def test_a_difference_is_of_two_methods_on_the_same_frames():
+    hard = np.random.default_rng(3).random(400) < 0.5
+    # All that differs is every tenth frame, whatever is hard for both.
+    better = hard | (np.arange(400) % 10 == 0)
+    gain, low, high = over(better, hard)
+    assert gain == (better & ~hard).sum() / 400
+    assert 0 < low < gain < high < gain + 0.03
+    assert over(hard, better) == pytest.approx((-gain, -high, -low))
+    assert over(hard, hard) == (0, 0, 0)
+    # Of the first half nothing is known, and it does not count.
+    known = np.arange(400) >= 200
+    assert over(better, hard, known)[0] == (better & ~hard)[200:].sum() / 200
+    assert over(better, hard, np.zeros(400, bool)) == (None, None, None)
+
+
+def test_intervals_take_a_frame_in_all_parts_of_the_map_at_once():
+    once = answered(np.random.default_rng(2).random(60) < 0.5)
+    matches, scores, truth = once.matches, once.sequence_scores, once.right
     thrice = replace(
         once,
         matches=matches * 3,
@@ -214,6 +242,10 @@ def test_intervals_take_a_frame_in_all_parts_of_the_map_at_once():
     one, three = (summarize(made, judge(made), 'score') for made in (once, thrice))
     for end in ('low', 'high'):
         assert three[f'accuracy_all_{end}'] == one[f'accuracy_all_{end}']
+    none = judge(answered(np.zeros(60, bool)))
+    assert difference(once, judge(once), none) == difference(
+        thrice, judge(thrice), none.of(np.tile(np.arange(60), 3))
+    )
 
 
 def test_without_answers_there_are_no_figures():
