@@ -13,7 +13,7 @@ from convseq_ros.config.arguments import local
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.bench import DEFAULT_METHODS, evaluate, PAST, Plan, PUBLISHED
 from convseq_ros.evaluation.data_set import open_data_set, ready_made
-from convseq_ros.evaluation.methods import KINDS
+from convseq_ros.evaluation.methods import KINDS, Sweep
 from convseq_ros.evaluation.protocols import CLOSED, OPEN
 from convseq_ros.evaluation.run_folder import REPORT
 from convseq_ros.evaluation.scorecard import CRITERIA
@@ -38,6 +38,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--keep', type=float, metavar='SHARE', help='for the open protocol, keep '
         'this first part of the map, such as 0.7, instead of the first, the last and the middle '
         'half in turn')
+    parser.add_argument('--sweep', metavar='OPTION=A..B', help='run every method (default paper) '
+        'with each of these values, and draw a figure by them, such as k=1..20')
     parser.add_argument('--output', type=Path, default=Path('results'),
         help=f'run folder to write, with its page {REPORT} (results)')
     parser.add_argument('--data-root', type=Path, default=Path(), help='where the folders of '
@@ -58,11 +60,13 @@ def run(chosen: argparse.Namespace) -> int:
         raise ConfigError(
             f'--keep: {chosen.keep:g} is not a share between 0 and 1 for --protocol open'
         )
+    usual = ('paper',) if chosen.sweep else (*DEFAULT_METHODS, PUBLISHED)
     plan = Plan(
-        methods=tuple(chosen.method or (*DEFAULT_METHODS, PUBLISHED)),
+        methods=tuple(chosen.method or usual),
         protocols=tuple(dict.fromkeys(protocols)),
         keep=chosen.keep,
         criterion=chosen.criterion,
+        sweep=Sweep.parse(chosen.sweep) if chosen.sweep else None,
         argv=tuple(sys.argv),
     )
     data_sets = [open_data_set(text, chosen.data_root, config.reading) for text in chosen.sets]

@@ -15,7 +15,7 @@ from convseq_ros.evaluation import run_folder
 from convseq_ros.evaluation.data_set import DataSet
 from convseq_ros.evaluation.libraries import load
 from convseq_ros.evaluation.material import Material, open_material
-from convseq_ros.evaluation.methods import make_method, Method, MethodName, parse_method
+from convseq_ros.evaluation.methods import make_method, Method, MethodName, parse_method, Sweep
 from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, run_protocol, VERSION
 from convseq_ros.evaluation.provenance import provenance
 from convseq_ros.evaluation.query_answers import overridden
@@ -49,6 +49,7 @@ class Plan:
     protocols: tuple[str, ...] = (CLOSED,)
     keep: float | None = None  # `open` keeps this share of the map, from its start
     criterion: str = 'score'  # threshold of the curves: score, margin or confidence
+    sweep: Sweep | None = None  # run every method with each of these values
     argv: tuple[str, ...] = ()  # the command, for the record
 
 
@@ -132,7 +133,8 @@ def _measure_set(
     warn: Report,
 ) -> tuple[list[Summary], Section]:
     config = overridden(config, {'mode': 'online' if data_set.online else 'preloaded'})
-    methods = [make_method(name, config) for name in method_names(plan.methods, data_set)]
+    texts = plan.sweep.methods(plan.methods) if plan.sweep else plan.methods
+    methods = [make_method(name, config) for name in method_names(texts, data_set)]
     report(f'{data_set.name}: reading images')
     material = open_material(data_set, config.encoding, config.reading)
     for line in dict.fromkeys([*material.query.warnings, *material.reference.warnings]):
@@ -153,7 +155,8 @@ def _measure_set(
     for one in results:
         folder = output / name / one.summary['method']
         run_folder.write_run(folder, one.outcome, one.verdicts, one.summary)
-    return [one.summary for one in results], section_of(material, config.encoding, results)
+    section = section_of(material, config.encoding, results, plan.sweep)
+    return [one.summary for one in results], section
 
 
 def _measure(material: Material, method: Method, protocol: str, name: str, plan: Plan) -> Result:

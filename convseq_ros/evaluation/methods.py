@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The methods: each is a row of `KINDS`, and a function of a data set that gives `PairScores`."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.util import find_spec
@@ -100,6 +100,33 @@ def parse_method(text: str) -> MethodName:
         raise ConfigError(f'method {label}: k is a number or dynamic, not {length!r}')
     k = None if length is None else 0 if length == 'dynamic' else int(length)
     return MethodName(label, kind, options, k)
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """Values of an option, with each of which every method is run."""
+
+    option: str
+    values: range
+
+    @classmethod
+    def parse(cls, text: str) -> 'Sweep':
+        """Return the sweep of a text such as `k=1..20`; ConfigError for another text."""
+        found = re.fullmatch(r'(\w+)=([0-9]{1,4})\.\.([0-9]{1,4})', text)
+        if not found or int(found[3]) < int(found[2]):
+            raise ConfigError(
+                f'--sweep: {text!r} is no option and range; give one such as k=1..20'
+            )
+        return cls(found[1], range(int(found[2]), int(found[3]) + 1))
+
+    def methods(self, texts: Sequence[str]) -> list[str]:
+        """Return every method with each value in turn; the value ends its label."""
+        labels = {text: parse_method(text).label for text in texts}
+        return [
+            f'{text} {self.option}={value} label={label}-{self.option}{value}'
+            for text, label in labels.items()
+            for value in self.values
+        ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ import sys
 
 from convseq_ros.cli import main
 from convseq_ros.evaluation.libraries import load
+from convseq_ros.evaluation.report import results
 from pictures import picture, written
 import pytest
 
@@ -48,6 +49,37 @@ def test_a_table_is_printed_and_the_folder_written(street, capsys):
         ['+0.000', '(+0.00', 'to', '+0.00)'],
     ]
     assert (street.parent / 'out' / 'summary.csv').exists()
+
+
+def test_a_sweep_runs_the_papers_method_with_each_value_and_draws_them(
+    street, monkeypatch, capsys
+):
+    figures = []
+    monkeypatch.setattr(results, 'svg', lambda figure: figures.append(figure) or '<svg/>')
+    assert evaluate(street, street, '--sweep', 'k=1..3', '--json') == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [one['method'] for one in found] == ['paper-k1', 'paper-k2', 'paper-k3']
+    assert [one['mean_k'] for one in found] == [1, 2, 3]
+    shares, times = figures[0].axes
+    for line, key in zip(shares.lines, ('accuracy_matched', 'auc_pr'), strict=True):
+        assert line.get_xydata().tolist() == [[at + 1, found[at][key]] for at in range(3)]
+    expected = [[at, at * one['encode_ms']] for at, one in enumerate(found, 1)]
+    assert times.lines[0].get_xydata().tolist() == expected
+    assert [times.lines[0].get_label(), times.get_xlabel()] == ['paper', 'k']
+
+
+def test_a_sweep_of_several_methods_keeps_their_labels(street, capsys):
+    methods = '--method', 'cohog label=one', '--method', 'hog'
+    assert evaluate(street, street, *methods, '--sweep', 'min_length=2..3') == 0
+    names = [line.split()[1] for line in capsys.readouterr().out.splitlines()[1:]]
+    assert names == [f'{name}-min_length{value}' for name in ('one', 'hog') for value in (2, 3)]
+
+
+@pytest.mark.parametrize('text', ['k', 'k=1', 'k=3..2', 'k=1..x', '=1..2', 'k=0..99999'])
+def test_a_sweep_without_a_range_is_refused_in_one_line(street, capsys, text):
+    assert evaluate(street, street, '--sweep', text) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f'convseq evaluate: --sweep: {text!r} is no option and range; give ')
 
 
 def test_one_method_is_over_no_first_one(street, capsys):

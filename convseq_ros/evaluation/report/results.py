@@ -9,11 +9,13 @@ from typing import Any
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.types import Match
 from convseq_ros.evaluation.material import Material
+from convseq_ros.evaluation.methods import Sweep
 from convseq_ros.evaluation.metrics import Curve
 from convseq_ros.evaluation.plots import new_figure, show_matches, show_scores, show_truth
 from convseq_ros.evaluation.protocols import OPEN, Outcome
 from convseq_ros.evaluation.report.page import Pair, Section, svg
 from convseq_ros.evaluation.scorecard import Summary, Verdicts
+from convseq_ros.evaluation.table import HEADINGS
 import numpy as np
 import numpy.typing as npt
 
@@ -30,7 +32,12 @@ class Result:
     curve: Curve
 
 
-def section_of(material: Material, encoding: EncodingConfig, results: Sequence[Result]) -> Section:
+def section_of(
+    material: Material,
+    encoding: EncodingConfig,
+    results: Sequence[Result],
+    sweep: Sweep | None = None,
+) -> Section:
     """Return what the page shows of a set's results; a query, its answer and the truth a pair."""
     first = results[0].summary
     facts = [str(first['protocol']), f'{first["queries"]} queries']
@@ -41,11 +48,14 @@ def section_of(material: Material, encoding: EncodingConfig, results: Sequence[R
     for result in results:
         for verdict, pair in _pairs(material, encoding, result):
             pairs.setdefault(f'{result.summary["method"]}: {verdict}', []).append(pair)
-    return Section(str(first['title']), ' · '.join(facts), [*_figures(results)], pairs)
+    return Section(str(first['title']), ' · '.join(facts), [*_figures(results, sweep)], pairs)
 
 
-def _figures(results: Sequence[Result]) -> Iterator[tuple[str, str]]:
+def _figures(results: Sequence[Result], sweep: Sweep | None) -> Iterator[tuple[str, str]]:
     """Yield caption and SVG of each figure."""
+    if sweep:
+        said = 'Accuracy of matched queries, AUC-PR, and the time to encode all k frames (mean k)'
+        yield f'{said}, by {sweep.option}.', _by_value(results, sweep)
     curves = {str(one.summary['method']): one.curve for one in results if len(one.curve.recall)}
     if curves:
         points = {
@@ -79,6 +89,28 @@ def _lines(lines: Mapping[str, Any], x_label: str, y_label: str, **how: Any) -> 
     for number, (name, (x, y)) in enumerate(lines.items()):
         axes.plot(x, y, label=name, linestyle=('-', '--', ':', '-.')[number // 10 % 4], **how)
     figure.legend(loc='upper center', bbox_to_anchor=(0.5, 0.0), ncols=2, fontsize=7)
+    return svg(figure)
+
+
+def _by_value(results: Sequence[Result], sweep: Sweep) -> str:
+    """Return a figure of results in the order of `Sweep.methods`."""
+    figure, count = new_figure(5, 5), len(sweep.values)
+    above, below = figure.subplots(2, sharex=True)
+    above.set(ylim=(0, 1.03), ylabel='share')
+    below.set(xlabel=sweep.option, ylabel='encoding, ms')
+    below.xaxis.get_major_locator().set_params(integer=True)
+    for first in range(0, len(results), count):
+        rows = [one.summary for one in results[first : first + count]]
+        name = str(rows[0]['method']).removesuffix(f'-{sweep.option}{sweep.values[0]}')
+        for key, style in (('accuracy_matched', '.-'), ('auc_pr', '.--')):
+            shares = [np.nan if row[key] is None else row[key] for row in rows]
+            above.plot(sweep.values, shares, style, label=f'{name} {HEADINGS[key]}')
+        # Every frame is encoded once, and a sequence has `mean_k` of them.
+        times_ms = [(row['mean_k'] or np.nan) * (row['encode_ms'] or np.nan) for row in rows]
+        below.plot(sweep.values, times_ms, '.-', label=name)
+    for axes in (above, below):
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=7)
     return svg(figure)
 
 
