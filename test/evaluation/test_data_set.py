@@ -19,7 +19,10 @@ from convseq_ros.evaluation.truth import (
     within_radius,
 )
 import numpy as np
+from pictures import written
 import pytest
+
+SMALL, BLANK = EncodingConfig(image_size_px=64), np.full((8, 8), 9, np.uint8)
 
 
 def test_the_papers_data_sets_are_ready_made_and_name_their_folder(tmp_path):
@@ -32,6 +35,26 @@ def test_the_papers_data_sets_are_ready_made_and_name_their_folder(tmp_path):
         assert data_set.query.path.is_relative_to(tmp_path)
         assert 'DATA/' in data_set.where
         assert data_set.source
+
+
+def test_alderley_pairs_frames_by_their_numbers_from_one(tmp_path):
+    for folder in ('FRAMESA', 'FRAMESB'):
+        written(tmp_path / 'alderley' / folder, [BLANK] * 8)
+    write(tmp_path / 'alderley' / 'framematches.csv', '1,4\n8,5\n')
+    right = open_material(open_data_set('alderley', tmp_path), SMALL).truth.right
+    assert [columns(row) for row in right[[0, 1, 7]]] == [[1, 2, 3, 4, 5], [], [2, 3, 4, 5, 6]]
+
+
+@pytest.mark.parametrize(
+    'name', ['campus_loop', 'gardens_point_day_day', 'gardens_point_day_night']
+)
+def test_sets_of_two_equal_drives_pair_equal_frames_within_two(tmp_path, name):
+    data_set = open_data_set(name, tmp_path)
+    count = data_set.query.count
+    for part in (data_set.query, data_set.reference):
+        written(part.path, [BLANK] * part.count)
+    right = open_material(data_set, SMALL).truth.right
+    assert right.shape == (count, count) and columns(right[50]) == [48, 49, 50, 51, 52]
 
 
 def test_missing_images_of_a_ready_made_set_are_reported_with_the_remedy(tmp_path):
