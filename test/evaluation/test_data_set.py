@@ -123,6 +123,7 @@ def test_an_unknown_name_lists_the_known_ones(tmp_path):
         (yaml(truth='{kind: table, path: gt.csv}'), 'reference 99 does not exist, there are 24'),
         (yaml(truth='{kind: table, path: empty.csv}'), 'no query has a right reference'),
         (yaml(truth=POSES), '1 positions for 24 query'),
+        (yaml(truth=POSES.replace('poses.csv', 'lost.csv')), 'no query has a right reference'),
         (yaml(query='{path: query, backwards: true}', truth=POSES), 'poses cannot go backwards'),
     ],
 )
@@ -130,6 +131,7 @@ def test_a_set_whose_parts_disagree_is_refused_in_one_line(street, text, problem
     street.write('query,reference\n0,99\n', 'gt.csv')
     street.write('query,reference\n', 'empty.csv')
     street.write('drive,x,y\nquery,0,0\n', 'poses.csv')
+    street.write('x,y\n' + 'nan,nan\n' * 24, 'lost.csv')
     street.write(text)
     with pytest.raises(ConvseqError, match=problem) as caught:
         street.open()
