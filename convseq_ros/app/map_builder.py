@@ -179,19 +179,20 @@ def link_map(unlinked: ReferenceMap, config: Config = Config()) -> Iterator[int]
 class _DrivenMap(OnlineMap):
     """A map whose places are passed again in order; they are linked, and none is added."""
 
-    def follow(self, _edges: Glance | None) -> None:
+    def begin(self, start: int) -> None:
+        super().begin(start)
+        self._next = start
+
+    def follow(self, _edges: Glance | None, stamp_ns: int) -> None:
         """Take in the glance of the next place, by its thumbnail."""
         preview = decode_jpeg(self._map.thumbnail(self._next))
-        super().follow(None if preview is None else glance(preview))
+        super().follow(None if preview is None else glance(preview), stamp_ns)
 
     def add(self, _frame: Frame, _descriptor: Descriptor, _match: Match | None = None) -> None:
         """Link the next place to the one that its match recognises."""
         link(self._map.links, self._next, _match)
         self._passed_at.append(self._scenes.passed)
-
-    @property
-    def _next(self) -> int:
-        return self.session_start + len(self._passed_at)
+        self._next += 1
 
 
 def _as_driven(source: ReferenceMap) -> ReferenceMap:

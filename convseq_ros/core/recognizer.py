@@ -149,7 +149,7 @@ class PlaceRecognizer:
         if verdict.reason:
             repeated = self._as_match(frame, self._repeated(verdict.reason))
             return with_shift_and_yaw(repeated, frame, self.reference_map)
-        self.mapping.follow(verdict.edges)
+        self.mapping.follow(verdict.edges, frame.stamp_ns)
         # 3. A descriptor model describes the keyframe as well (ours).
         descriptor = self.first_stage.add(frame, verdict.descriptor)
         self.model_ms = self.first_stage.duration_ms
@@ -177,7 +177,8 @@ class PlaceRecognizer:
         if not usable:
             return Answer(self.mapping.nothing_usable)
         start = self.mapping.session_start
-        query = Query(frame, features, self._buffer, usable, start, self.config, missing)
+        drive = self.mapping.drive_start
+        query = Query(frame, features, self._buffer, usable, start, self.config, missing, drive)
         answer = self.decider.decide(query)
         if answer.reason is not Reason.ACCEPTED:
             return answer

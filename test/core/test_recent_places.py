@@ -105,6 +105,24 @@ def test_a_clock_that_jumps_back_makes_no_place_old_enough(wall):
     assert not any(match.accepted for match in matches)
 
 
+@pytest.mark.parametrize(('paused_s', 'recent'), [(3, 20), (29, 20), (31, 0), (86_400, 0)])
+def test_a_recogniser_that_was_started_again_does_not_match_what_it_saw_before(
+    wall, paused_s, recent
+):
+    frames, cut = along(wall, range(110), 0.1), 60
+    killed, _ = driven(frames[:cut])
+    places = len(killed.reference_map)
+    again = PlaceRecognizer(killed.reference_map, ONLINE)
+    later = [replace(one, stamp_ns=one.stamp_ns + paused_s * SECOND) for one in frames[cut:]]
+    matches = [again.process(later[0])]
+    assert again.mapping.usable == places - recent
+    assert again.mapping.drive_start == places - recent
+    matches += map(again.process, later[1:])
+    assert again.mapping.session_start == places and len(killed.reference_map.sessions) == 2
+    assert again.mapping.usable >= places  # they get old as the drive goes on
+    assert not recent or not any(match.accepted for match in matches)
+
+
 @pytest.mark.parametrize('lap_s', [5.0, 18_000.0])
 def test_a_full_turn_on_the_spot_is_a_return_however_long_it_takes(wall, lap_s):
     panorama = wall[:, :1280]  # 80 steps of 16 px

@@ -126,7 +126,7 @@ VIEWS = np.eye(2, dtype=np.float32)  # glances far from each other
 def follow(mapping, before, passed):
     """Pass scenes until there were so many; `before` were passed already."""
     for number in range(before + 1, passed + 1) or [passed]:
-        mapping.follow(VIEWS[number % 2])
+        mapping.follow(VIEWS[number % 2], 100 * SECOND)
 
 
 def grown(passed, earlier=0):

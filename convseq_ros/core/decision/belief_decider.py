@@ -129,7 +129,7 @@ class BeliefDecider(Decider):
         is_sure = confidence >= config.min_confidence
         if is_sure and self._both_deny(is_same, observed):
             reason = Reason.WEAK
-        elif is_sure and best >= query.session_start and self._is_in_view(best, query):
+        elif is_sure and best >= query.drive_start and self._is_in_view(best, query):
             reason = Reason.RECENT
         elif is_sure and not self._prior.is_denied(best, query.session_start):
             if observed.asked:

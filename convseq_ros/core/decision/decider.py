@@ -21,9 +21,10 @@ class Query:
     features: Features  # of the frame
     buffer: QueryBuffer  # its newest frame is the query
     usable: int  # number of places, from the first, that may be matched; at least one
-    session_start: int  # places from this index on are of the running drive
+    session_start: int  # places from this index on are of the running session
     config: Config  # the current one; it may change between frames
     missing: int = 0  # number of keyframes that were dropped before this one
+    drive_start: int = 0  # of the running session, or of one that ended a moment before it
 
 
 @dataclass(frozen=True, slots=True)

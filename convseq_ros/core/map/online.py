@@ -40,6 +40,7 @@ class RECENT:
     # Scenes that the drive must be past a place, so laps of 5 s and of 5 h are the same. Drives
     # that never return have no match with 20; 40 is no safer.
     keyframes: int = 20
+    paused_ns: int = 30_000_000_000  # after which a drive does not go on, as in a pose graph
 
 
 class PreloadedMap:
@@ -61,7 +62,12 @@ class PreloadedMap:
         """How many places, from the first, may be matched."""
         return len(self._map)
 
-    def follow(self, edges: Glance | None) -> None:
+    @property
+    def drive_start(self) -> int:
+        """The first place of this drive, which may have begun in the session before."""
+        return self.session_start
+
+    def follow(self, edges: Glance | None, stamp_ns: int) -> None:
         """Take in the glance of the next keyframe, if it has one."""
 
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
@@ -101,7 +107,8 @@ class OnlineMap(PreloadedMap):
         """Begin a session by the index of its first place; all places before may be matched."""
         self.reset()
         self.session_start = self._usable = self._first = start
-        self._scenes, self._passed_at = Scenes(), list[int]()  # so far, and at each place
+        # Scenes so far, and at each place from the first of this drive on.
+        self._scenes, self._passed_at = Scenes(), list[int]()
 
     def reset(self) -> None:
         """Begin a new session; places of the last one stay recent, as the robot goes on."""
@@ -114,10 +121,26 @@ class OnlineMap(PreloadedMap):
         """How many places, from the first, are old enough to be matched."""
         return self._usable
 
-    def follow(self, edges: Glance | None) -> None:
+    @property
+    def drive_start(self) -> int:
+        return min(self._first, self.session_start)
+
+    def follow(self, edges: Glance | None, stamp_ns: int) -> None:
+        if not self._scenes.passed:
+            self._go_on(stamp_ns)
         self._scenes.count(edges)
         oldest = self._scenes.passed - RECENT.keyframes
         self._usable = self._first + bisect_left(self._passed_at, oldest)
+
+    def _go_on(self, stamp_ns: int) -> None:
+        """Let places of a session that ended a moment ago, as before a restart, be recent."""
+        start = self.session_start
+        if not start:
+            return
+        if not 0 <= stamp_ns - self._map.places[start - 1].stamp_ns <= RECENT.paused_ns:
+            return
+        self._first = self._map.bounds.around(start - 1, RECENT.keyframes - 1).start
+        self._passed_at = [*range(self._first - start + 1, 1)]  # each place as a scene
 
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
         """
@@ -180,7 +203,11 @@ class FollowedMap(PreloadedMap):
         """How many places the leader may match."""
         return self._leader.usable
 
-    def follow(self, _edges: Glance | None) -> None:
+    @property
+    def drive_start(self) -> int:
+        return self._leader.drive_start
+
+    def follow(self, _edges: Glance | None, _stamp_ns: int) -> None:
         """Follow the leader's session; it counts the scenes itself."""
         self.session_start = self._leader.session_start
 
