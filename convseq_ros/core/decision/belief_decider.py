@@ -95,7 +95,7 @@ class BeliefDecider(Decider):
         new = novelty(query.buffer.frames)
         belief.motion.move(pose, query.missing, new)
         self._prior.move(frame.stamp_ns, pose)
-        belief.predict(query.usable, query.session_start)
+        belief.predict(query.usable, query.drive_start)
         compared = self._comparer.compare(query, belief.likeliest(BUDGET.peaks))
         observed = self._observer.observe(query, compared, belief, new)
         entry = self._prior.entry_prior(observed.places, query.session_start)
@@ -104,7 +104,7 @@ class BeliefDecider(Decider):
             observed.log_ratios,
             entry,
             query.usable,
-            query.session_start,
+            query.drive_start,
             observed.keypoints,
         )
         query.buffer.note(compared.row, self._evidence(observed))
@@ -133,7 +133,7 @@ class BeliefDecider(Decider):
             reason = Reason.RECENT
         elif is_sure and not self._prior.is_denied(best, query.session_start):
             if observed.asked:
-                self._lead.learn(belief.expected_leads(is_same), best, query.session_start)
+                self._lead.learn(belief.expected_leads(is_same), best, query.drive_start)
             reason, best = Reason.ACCEPTED, self._best_look(best, observed)
             implausible_m = self._prior.implausible_m(best, query.session_start)
             self._prior.fix(best)

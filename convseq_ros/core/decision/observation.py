@@ -95,7 +95,7 @@ class Observer:
         self._likelihood.learn(*observed)
         keypoints = self._by_keypoints(places, asked)
         at = np.searchsorted(places, examined)
-        states = belief.states_at(examined, query.session_start)
+        states = belief.states_at(examined, query.drive_start)
         evidence = Evidence(
             leads.cells,
             np.log((states * keypoints[:, at]).sum(axis=0)),
@@ -153,7 +153,7 @@ class Observer:
             place: self._witness.blocks(keypoints, place, motion(features, place), side)
             for place in chosen
         }
-        states = belief.states_at(np.array([*blocks], np.int64), query.session_start)
+        states = belief.states_at(np.array([*blocks], np.int64), query.drive_start)
         shares = dict(zip(blocks, states.T, strict=True))
         return keypoint_ratios(blocks, shares, self._near.is_near)
 

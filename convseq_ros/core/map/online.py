@@ -55,17 +55,13 @@ class PreloadedMap:
 
     def reset(self) -> None:
         """Begin a new session, at the end of the map."""
-        self.session_start = len(self._map)  # first place of this session
+        # First place of this session, and of this drive, which may have begun in the one before.
+        self.session_start = self.drive_start = len(self._map)
 
     @property
     def usable(self) -> int:
         """How many places, from the first, may be matched."""
         return len(self._map)
-
-    @property
-    def drive_start(self) -> int:
-        """The first place of this drive, which may have begun in the session before."""
-        return self.session_start
 
     def follow(self, edges: Glance | None, stamp_ns: int) -> None:
         """Take in the glance of the next keyframe, if it has one."""
@@ -106,7 +102,7 @@ class OnlineMap(PreloadedMap):
     def begin(self, start: int) -> None:
         """Begin a session by the index of its first place; all places before may be matched."""
         self.reset()
-        self.session_start = self._usable = self._first = start
+        self.session_start = self.drive_start = self._usable = self._first = start
         # Scenes so far, and at each place from the first of this drive on.
         self._scenes, self._passed_at = Scenes(), list[int]()
 
@@ -121,10 +117,6 @@ class OnlineMap(PreloadedMap):
         """How many places, from the first, are old enough to be matched."""
         return self._usable
 
-    @property
-    def drive_start(self) -> int:
-        return min(self._first, self.session_start)
-
     def follow(self, edges: Glance | None, stamp_ns: int) -> None:
         if not self._scenes.passed:
             self._go_on(stamp_ns)
@@ -133,7 +125,7 @@ class OnlineMap(PreloadedMap):
         self._usable = self._first + bisect_left(self._passed_at, oldest)
 
     def _go_on(self, stamp_ns: int) -> None:
-        """Let places of a session that ended a moment ago, as before a restart, be recent."""
+        """Go on with the drive of a session that ended a moment ago, as before a restart."""
         start = self.session_start
         if not start:
             return
@@ -141,6 +133,7 @@ class OnlineMap(PreloadedMap):
             return
         self._first = self._map.bounds.around(start - 1, RECENT.keyframes - 1).start
         self._passed_at = [*range(self._first - start + 1, 1)]  # each place as a scene
+        self.drive_start = self._map.bounds.span(start - 1)[0]
 
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
         """
@@ -197,19 +190,16 @@ class FollowedMap(PreloadedMap):
 
     def reset(self) -> None:
         self.session_start = self._leader.session_start
+        self.drive_start = self._leader.drive_start
 
     @property
     def usable(self) -> int:
         """How many places the leader may match."""
         return self._leader.usable
 
-    @property
-    def drive_start(self) -> int:
-        return self._leader.drive_start
-
     def follow(self, _edges: Glance | None, _stamp_ns: int) -> None:
         """Follow the leader's session; it counts the scenes itself."""
-        self.session_start = self._leader.session_start
+        self.reset()
 
 
 def mapping_of(reference_map: ReferenceMap, config: Config) -> PreloadedMap:

@@ -284,7 +284,7 @@ def test_without_keypoints_a_robot_that_leaves_a_place_does_not_return_to_it(
 ):
     recognizer = PlaceRecognizer(street, TWO)  # two frames are kept
     if own:
-        recognizer.mapping.session_start = 0
+        recognizer.mapping.session_start = recognizer.mapping.drive_start = 0
     reasons = []
     for index, (place, seed) in enumerate(
         [*((one, 1) for one in range(10, 21)), (20, 0), (20, 1)]

@@ -106,7 +106,7 @@ def query_of(pairs, usable=None, start=NONE, config=None):
     """Return the query of the frame with these pairs."""
     buffer = SimpleNamespace(newest=pairs)
     config, usable = config or Config(), usable or len(pairs.row)
-    return Query(Frame(0, None), pairs.features, buffer, usable, start, config)
+    return Query(Frame(0, None), pairs.features, buffer, usable, start, config, drive_start=start)
 
 
 def scored(best=30, score=0.104, count=100, **more):
