@@ -85,6 +85,20 @@ def test_odometry_that_began_anew_or_comes_late_is_another_drive(stored):
         assert len(graph.running.keyframes) == 1 and graph.counts['clock_jumps'] == 0
 
 
+@pytest.mark.parametrize(
+    ('passed_s', 'further_m', 'goes_on'),
+    # It drove 5.15 m/s: twice that, and a metre.
+    [(2.0, 21.0, True), (2.0, 22.5, False), (29.9, 0.0, True), (30.1, 0.0, False)],
+)
+def test_a_drive_goes_on_for_half_a_minute_at_twice_its_speed(
+    stored, passed_s, further_m, goes_on
+):
+    graph, last = graph_of(stored, CONFIG), len(DRIFTED) - 21
+    graph.add_odometry(stamp(last) + int(passed_s * SECOND), DRIFTED[last] @ pose(further_m))
+    assert bool(graph.earlier) is not goes_on
+    assert (graph.correction is not None) is goes_on
+
+
 def test_odometry_of_the_time_that_the_map_has_already_changes_nothing(stored):
     graph = graph_of(stored, CONFIG)
     graph.add_odometry(stamp(len(DRIFTED) - 23), DRIFTED[-23])
