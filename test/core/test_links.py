@@ -3,6 +3,7 @@
 """Links between looks of one place, what they bring near, and that the file keeps them."""
 
 from dataclasses import replace
+import tracemalloc
 
 from convseq_ros.app.map_builder import build_map, MapBuilder
 from convseq_ros.app.pipeline import Pipeline
@@ -110,6 +111,17 @@ def test_links_keep_all_that_a_back_end_asks_for_through_a_file(a_map, path):
     assert [*map(told, opened.links.each())] == [*map(told, whole.links.each())]
     assert opened.links.details(36) is opened.links.details(10) is None
     assert not opened.problem and opened.links.looked_up_count == 4
+
+
+def test_a_link_takes_700_bytes_of_memory():
+    links, count = linked(), 2000
+    tracemalloc.start()
+    for place in range(count, 2 * count):
+        links.add(place, place - count, 0.97, 41, measured(1.0, 0.2))
+    taken, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert taken < 700 * count
+    assert told(links.details(count))[:5] == (count, 0, 0, 0.97, 41)
 
 
 def test_a_link_to_a_removed_place_leads_to_the_place_behind_it(a_map):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import takewhile
 from threading import Lock
 
+from convseq_ros.core.graph.packed_pose import packed_pose, unpacked_pose
 from convseq_ros.core.rigid import composed_covariance, matrix, pose_of
 from convseq_ros.core.types import constants, RelativePose
 import numpy as np
@@ -32,6 +33,8 @@ class Link:
     relative: RelativePose | None = None  # of the robot's base at the place, against the other's
 
 
+# What is kept of a link: the other place, confidence, inliers, and the packed relative pose.
+_Stored = tuple[int, float | None, int | None, bytes | None]
 # A place, its link (None if it was looked up without a result), and whether a person took it out.
 Row = tuple[int, Link | None, bool]
 
@@ -50,7 +53,7 @@ class Links:
         self._around, self._adding = around, Lock()
         self._anchors = dict[int, int]()  # by place that was looked up
         self._followers = dict[int, list[int]]()  # places by their anchor
-        self._links = dict[int, Link]()  # by place; an anchor may have changed since
+        self._links = dict[int, _Stored]()  # by place
         self._recorded: list[int] = []  # places that were looked up, in the order of recording
         self._unlinked = set[int]()  # by a person
 
@@ -63,12 +66,15 @@ class Links:
 
     def each(self) -> Iterator[Link]:
         """Yield the links by ascending place."""
-        return (replace(self._links[place], anchor=anchor) for place, anchor in self)
+        return filter(None, map(self.details, sorted([*self._links])))
 
     def details(self, place: int) -> Link | None:
         """Return the link of a place with its anchor of now; None without a link."""
-        link = self._links.get(place)
-        return link and replace(link, anchor=self.anchor(place))
+        if (stored := self._links.get(place)) is None:
+            return None
+        other, confidence, inliers, packed = stored
+        relative = None if packed is None else unpacked_pose(packed)
+        return Link(place, other, self.anchor(place), confidence, inliers, relative)
 
     def anchor(self, index: int) -> int:
         """Return the first look of a place: the place itself if it is not linked."""
@@ -110,10 +116,11 @@ class Links:
         with self._adding:
             if place in self._links or place in self._unlinked:
                 return
+            packed = None if relative is None else packed_pose(relative)
             anchor = self.anchor(other if anchor is None else anchor)
             moved = [place, *self._followers.get(place, ())]
             self._followers.setdefault(anchor, []).extend(moved)
-            self._links[place] = Link(place, other, anchor, confidence, inliers, relative)
+            self._links[place] = other, confidence, inliers, packed
             for follower in moved:
                 self._anchors[follower] = anchor
             self._followers.pop(place, None)

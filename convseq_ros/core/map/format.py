@@ -20,8 +20,8 @@ import zlib
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape, visible_cells
 from convseq_ros.core.encoding.first_stage import model_name
+from convseq_ros.core.graph.packed_pose import NUMBERS, packed_pose, unpacked_pose
 from convseq_ros.core.graph.trail import Keyframe
-from convseq_ros.core.rigid import vector
 from convseq_ros.core.types import Anchor, Camera, Halves, Pose, RelativePose
 from convseq_ros.errors import ConfigError
 import numpy as np
@@ -72,8 +72,6 @@ _COMPARED = ('image_size_px', 'resize', 'image_rotation_deg')
 _FIRST_NOT_FINITE = 0x7C00
 
 _MAGIC, _ID_BYTES = b'SQLite format 3\0', slice(68, 72)  # https://sqlite.org/fileformat.html
-_UPPER = np.triu_indices(6)  # the stored half of a covariance
-_NUMBERS = 33  # of a relative pose: 4 orientation, 3 position, 3 direction, 21 covariance, 2 more
 _TOLERANCE = 1e-6  # by which the length of an orientation may differ from 1
 _MAX_CHARACTERS = 100  # of an id, which is part of every answer; a UUID has 36
 
@@ -255,32 +253,15 @@ def keyframe_of(row: tuple[Any, ...]) -> Keyframe:
         operator.index(stamp_ns),
         Pose((x, y, z), (qx, qy, qz, qw), (float(metres2), float(radians2))),
         None if other is None else Anchor(checked_id(other), operator.index(other_ns)),
-        None if relative is None else unpacked_pose(relative),
+        None if relative is None else checked_pose(relative),
     )
 
 
-def packed_pose(pose: RelativePose) -> bytes:
-    """Return a relative pose as stored: 33 numbers, NaN for an unknown position or direction."""
-    unknown = (math.nan,) * 3
-    numbers = *pose.orientation, *(pose.position_m or unknown), *(pose.direction or unknown)
-    return np.array(
-        [*numbers, *pose.covariance[_UPPER], pose.inliers, pose.explains], '<f8'
-    ).tobytes()
-
-
-def unpacked_pose(stored: bytes) -> RelativePose:
+def checked_pose(stored: bytes) -> RelativePose:
     """Return a stored relative pose; ValueError or TypeError if it is invalid."""
     numbers = np.frombuffer(stored, '<f8')
-    if len(numbers) != _NUMBERS or not np.isfinite([*numbers[:4], *numbers[10:]]).all():
+    if len(numbers) != NUMBERS or not np.isfinite([*numbers[:4], *numbers[10:]]).all():
         raise ValueError('invalid relative pose')
-    x, y, z, w = numbers[:4].tolist()
-    if abs(math.hypot(x, y, z, w) - 1) > _TOLERANCE:
+    if abs(math.hypot(*numbers[:4]) - 1) > _TOLERANCE:
         raise ValueError('invalid orientation of a relative pose')
-    covariance = np.zeros((6, 6))
-    covariance[_UPPER] = numbers[10:31]
-    covariance.T[_UPPER] = numbers[10:31]
-    position, direction = (
-        vector(row) if np.isfinite(row).all() else None for row in numbers[4:10].reshape(2, 3)
-    )
-    inliers, explains = int(numbers[31]), bool(numbers[32])
-    return RelativePose((x, y, z, w), position, direction, covariance, inliers, explains)
+    return unpacked_pose(stored)

@@ -24,13 +24,13 @@ from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.crash_recovery import open_to_read
 from convseq_ros.core.map.database import as_map_error, Database, Rows
 from convseq_ros.core.map.format import (
+    checked_pose,
     decode_cells,
     FORMAT_VERSION,
     keyframe_of,
     MapSession,
     row_crc,
     Settings,
-    unpacked_pose,
 )
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -300,7 +300,7 @@ def _add_links(links: Links, rows: Rows) -> int:
             are_integers = all(type(value) is int for value in (other, anchor, inliers or 0))
             if not are_integers or not 0 <= anchor <= other or not 0 <= (confidence or 0) <= 1:
                 raise ValueError('invalid link')
-            pose = None if relative is None else unpacked_pose(relative)
+            pose = None if relative is None else checked_pose(relative)
             links.add(place, other, confidence, inliers, pose, anchor)
         except (TypeError, ValueError):
             damaged += 1

@@ -14,9 +14,10 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.mask import without_path
 from convseq_ros.core.encoding.regions import global_descriptor as built_in
 from convseq_ros.core.graph.links import Row
+from convseq_ros.core.graph.packed_pose import packed_pose
 from convseq_ros.core.map.crash_recovery import EMPTY, open_to_write
 from convseq_ros.core.map.database import as_map_error, BESIDE, Database
-from convseq_ros.core.map.format import keyframe_row, MapSession, packed_pose, Settings
+from convseq_ros.core.map.format import keyframe_row, MapSession, Settings
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.place import Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader
