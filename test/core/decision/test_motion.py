@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motion of places, by velocities and by odometry."""
 
+import tracemalloc
+
 from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.expected_lead import ExpectedLead
 from convseq_ros.core.decision.motion import MOTION, MotionModel
@@ -47,6 +49,19 @@ def test_odometry_moves_places_along_the_maps_poses_at_any_velocity(a_map):
     expected = np.where(velocities < 0, [[7.5], [17.5]], [[12.5], [22.5]]).T
     assert found == pytest.approx(expected)
     assert sigmas == pytest.approx(np.full(found.shape, MOTION.sigma_places + ERROR * 2.5))
+
+
+def test_distances_between_places_take_no_more_memory_in_a_larger_map(a_map):
+    street = a_map(8000, step_m=2.0)
+    model = MotionModel(street, False, ERROR)
+    for x in (0, 1):
+        model.move(at(x), 0)
+    tracemalloc.start()
+    for place in range(8000):
+        model.moved(np.array([place]))
+    taken, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert taken < 500_000
 
 
 def test_beyond_the_end_of_a_session_places_are_as_far_apart_as_the_last(a_map):
