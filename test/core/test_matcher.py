@@ -97,6 +97,17 @@ def watched():
     return reference_map
 
 
+def test_rough_features_are_kept_of_three_times_as_many_references(watched):
+    matcher = ours(watched, kept=4)
+    query = matcher.extract(drawn(9))
+    matcher.rough_scores(query, np.arange(40))
+    watched.reads.clear()
+    matcher.rough_scores(query, np.arange(28, 40))
+    assert not watched.reads
+    matcher.rough_scores(query, np.array([27]))
+    assert watched.reads == [[27]]
+
+
 @pytest.mark.parametrize('threads', [1, 3])
 def test_references_are_read_in_one_go_and_once(made, watched, threads):
     matcher = made(watched, None, threads)

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 _MOST_THREADS = 2  # by default; more gain little, and the SLAM back end needs cores
 _KEPT = 500  # references whose features are cached with `search: shortlist`; 22 MB
-_ROUGH = 8  # multiple of this number for rough features; 30 MB
+_ROUGH = 3  # multiple of this number for rough features; 12 MB
 _KEPT_TO_VERIFY = 64  # references whose regions are cached for the geometry; 2 MB
 
 
@@ -30,7 +30,7 @@ class Matcher(Scorer):
     Scores queries against the references of a map, which may grow.
 
     Features of `kept` references stay in memory, by default of all: 43 kB each. Rough features, a
-    sixth in size, are kept of 8 times as many.
+    fifth in size, are kept of three times as many.
     """
 
     def __init__(
