@@ -3,7 +3,7 @@
 """Where frames come from: folders of pictures, ROS recordings and videos."""
 
 from collections.abc import Sequence
-from functools import partial
+from functools import cache, partial
 from itertools import starmap
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,14 @@ from convseq_ros.io.regular_file import refuse_irregular
 from convseq_ros.sources.annotated_frames import AnnotatedFrames, CameraOf
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.folder import ImageFolder
-from convseq_ros.sources.mount import as_parameter, mount_of, problem_of_lens, Tf
+from convseq_ros.sources.mount import (
+    as_parameter,
+    mount_of,
+    OdometryFrame,
+    problem_of_lens,
+    StaticTransforms,
+    Tf,
+)
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
 from convseq_ros.sources.pose_track import PoseTrack
 from convseq_ros.sources.recording import (
@@ -79,7 +86,7 @@ def open_annotated(
         raise SourceError(f'poses of topic {odom} or of file {poses}: give one of them')
     if not (odom or poses or camera_info):
         return source
-    pose_at = _poses(source, path, odom, poses, reading)
+    pose_at = _poses(source, path, odom, poses, reading, tf)
     is_folder = path.is_dir() and not holds_recording(path)
     camera_of: CameraOf | None = None
     optical_frame = ''
@@ -93,23 +100,34 @@ def open_annotated(
     mount = None
     if camera_of and isinstance(source, Recording):
         mount = _mount(source, path, optical_frame, tf, reading)
-    return AnnotatedFrames(source, pose_at, camera_of, str(odom or poses or ''), mount)
+    poses_of = str(odom or poses) if pose_at else ''
+    return AnnotatedFrames(source, pose_at, camera_of, poses_of, mount)
 
 
 def _poses(
-    source: Source, path: Path, odom: str, poses: Path | str | None, reading: ReadingConfig
+    source: Source, path: Path, odom: str, poses: Path | str | None, reading: ReadingConfig, tf: Tf
 ) -> PoseAt | None:
-    """Return the poses of a source's frames, of a file or of a topic; None without either."""
+    """Return the poses of a source's frames, of a file or of a topic; None if there are none."""
     if poses:
         pose_at = read_pose_file(Path(poses), len(source), reading, source.warnings)
         _refuse_other_times(source, pose_at, Path(poses))
         return pose_at
     if not odom:
         return None
-    track = PoseTrack(read_poses(path, odom, reading))
+
+    @cache
+    def transforms() -> StaticTransforms:
+        return read_static_transforms(path, reading) or StaticTransforms(())
+
+    frame = OdometryFrame(
+        tf.base_frame,
+        lambda child: transforms().pose_in(child, tf.base_frame),
+        lambda line: tf.tell(f'{path}: {odom}: {line}'),
+    )
+    track = PoseTrack(read_poses(path, odom, reading, frame, source.warnings))
     if track.problem:
         source.warnings.append(f'{odom}: {track.problem}')
-    return lambda _index, stamp_ns: track.at(stamp_ns)
+    return None if track.last_stamp_ns is None else lambda _index, stamp_ns: track.at(stamp_ns)
 
 
 def _mount(

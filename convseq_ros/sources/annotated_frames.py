@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.sources.camera_info import fitted, misfit
 from convseq_ros.sources.pose_file import PoseAt
+from convseq_ros.sources.pose_track import OwnMotion
 from convseq_ros.sources.source import Source
 
 CameraOf = Callable[[int, int], Camera]  # from an image's height and width in pixels
@@ -32,10 +33,12 @@ class AnnotatedFrames:
 
     def __iter__(self) -> Iterator[Frame]:
         described: Camera | None = None
-        index, with_pose = -1, 0
+        index, with_pose, motion = -1, 0, OwnMotion()
         for index, frame in enumerate(self.source):
             pose = self.pose_at(index, frame.stamp_ns) if self.pose_at else None
-            with_pose += pose is not None
+            if pose:
+                with_pose += 1
+                motion.add(pose)
             camera = None
             if self.camera_of and frame.gray is not None:
                 if described is None:
@@ -49,6 +52,8 @@ class AnnotatedFrames:
                 f'{self.poses_of} has {of_images} {index + 1} images; check that it covers the '
                 'drive, that both clocks agree, and that poses are at most 1.5 s apart'
             )
+        if line := motion.problem:
+            self._warn(f'{self.poses_of}: {line}')
 
     def _warn(self, line: str) -> None:
         """Add a line to the warnings, once; an empty one is none."""

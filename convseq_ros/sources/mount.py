@@ -1,9 +1,9 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a camera is on a robot, by TF: the same for the node and for recordings."""
+"""Where cameras and odometry are on a robot, by TF: the same for the node and for recordings."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +14,8 @@ from convseq_ros.sources.pose_track import pose_from_message
 import numpy as np
 
 _UP = math.cos(math.radians(20))  # of the angle between straight up and a lens that looks there
+# Names of the robot itself (REP-105, REP-120), which differ by the height of its wheels.
+_BODIES = 'base', 'base_link', 'base_footprint'
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +89,44 @@ class StaticTransforms:
             moved = step @ moved
             poses[frame] = moved
         return poses
+
+
+class OdometryFrame:
+    """
+    Carries poses of odometry from their `child_frame_id` to the base.
+
+    `base_in` returns the pose of the base in a frame, None if static TF has no way there; `tell`
+    gets a line for each frame from which poses are carried.
+    """
+
+    def __init__(
+        self,
+        base_frame: str,
+        base_in: Callable[[str], Pose | None],
+        tell: Callable[[str], None] = lambda _line: None,
+    ) -> None:
+        self._base, self._base_in, self._tell = _plain(base_frame), base_in, tell
+        self._known: dict[str, Matrix] = {}
+
+    def carried(self, pose: Pose, child_frame: str) -> Pose | None:
+        """Return the pose of the base; None if it is unknown where the frame is on the robot."""
+        child = _plain(child_frame)
+        if child in ('', self._base):
+            return pose
+        if child not in self._known and (base := self._base_in(child)):
+            self._known[child] = matrix(base)
+            self._tell(f'poses of {child} are carried to {self._base} by static TF')
+        if child in self._known:
+            carried = pose_of(matrix(pose) @ self._known[child])
+            return replace(carried, variances=pose.variances)
+        return pose if child.rpartition('/')[2] in _BODIES else None
+
+    def problem(self, child_frame: str) -> str:
+        """Return a line for poses that cannot be carried."""
+        return (
+            f'poses are of {_plain(child_frame)}, and static TF has no way from it to '
+            f'{self._base}: they are left out; publish or record it, or name another base_frame'
+        )
 
 
 def _plain(frame: str) -> str:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
+from convseq_ros.core.rigid import matrix
 from convseq_ros.core.types import constants, Pose, ROBOT
 import numpy as np
 
@@ -15,6 +16,7 @@ LONGEST_GAP_NS = 1_500_000_000  # poses once a second, and jitter
 _FURTHEST_NS = 100_000_000
 _CLOCK_JUMP_NS = 1_000_000_000
 _NEARLY_PARALLEL = 0.9995
+_STEP_M, _LEAST_M = 0.5, 5.0  # of motion that tells its axis
 _CONFIRMING = 5  # poses in a row that show a reset of odometry; fewer that come back are outliers
 
 
@@ -117,6 +119,33 @@ def _is_jump(before: tuple[int, Pose], after: tuple[int, Pose]) -> bool:
     duration_s = max(after[0] - before[0], _FURTHEST_NS) / 1e9
     distance_m = math.dist(before[1].position, after[1].position)
     return distance_m > ROBOT.fastest_mps * duration_s
+
+
+class OwnMotion:
+    """Sums up along which of its own axes a robot moves, in steps of at least 0.5 m."""
+
+    def __init__(self) -> None:
+        self._last: Pose | None = None
+        self._moved_m = np.zeros(3)
+
+    def add(self, pose: Pose) -> None:
+        """Take in the next pose."""
+        last = self._last = self._last or pose
+        step = np.subtract(pose.position, last.position)
+        if np.linalg.norm(step) >= _STEP_M:
+            self._moved_m += abs(matrix(last)[:3, :3].T @ step)
+            self._last = pose
+
+    @property
+    def problem(self) -> str:
+        """One line if most motion is along z, as that of a lens; empty if it is not."""
+        x, y, z = self._moved_m.tolist()
+        if z < max(_LEAST_M, x + y):
+            return ''
+        return (
+            f'poses move along their own z ({z:.0f} of {x + y + z:.0f} m), as those of a lens; '
+            'they are taken as x ahead, z up: convert them (docs/FILES.md)'
+        )
 
 
 def is_far(position: Iterable[float]) -> bool:

@@ -14,7 +14,7 @@ from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import FormatError, ImageError, printable, SourceError
 from convseq_ros.sources.camera_info import camera_from_info, correction
 from convseq_ros.sources.images import gray_of, message_pixels
-from convseq_ros.sources.mount import StaticTransforms
+from convseq_ros.sources.mount import OdometryFrame, StaticTransforms
 from convseq_ros.sources.pose_track import odometry_from_message, pose_from_message
 from convseq_ros.sources.raw_message import IMAGE_TYPES, RawMessage, STAMP_END
 from convseq_ros.sources.stamps import FIRST, useless
@@ -158,19 +158,34 @@ class Recording:
 
 
 def read_poses(
-    path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
+    path: Path,
+    topic: str = '',
+    reading: ReadingConfig = ReadingConfig(),
+    frame: OdometryFrame | None = None,
+    warnings: list[str] | None = None,
 ) -> list[tuple[int, Pose]]:
     """
     Return the stamped poses of a topic.
 
     The topic is of Odometry, PoseStamped or PoseWithCovarianceStamped; it may be left out if there
-    is only one. Damaged and infinite poses are skipped; SourceError if none is left.
+    is only one. Damaged and infinite poses are skipped; SourceError if none is left. With a
+    `frame`, those of Odometry are carried to the base; `warnings` gets a line if some cannot be.
     """
     messages = TopicMessages(path, topic, POSE_TYPES, '--odom', reading)
-    poses = sorted((pose for message in messages if (pose := _pose(message))), key=itemgetter(0))
-    if not poses:
-        name = messages.chosen.name
+    whole = sorted(filter(None, map(_pose, messages)), key=itemgetter(0))
+    name = messages.chosen.name
+    if not whole:
         raise SourceError(f'{path}: no pose of {name} is whole and finite; choose another topic')
+    if frame is None:
+        return [(stamp_ns, pose) for stamp_ns, pose, _ in whole]
+    poses, left_out = [], list[str]()
+    for stamp_ns, pose, child in whole:
+        if carried := frame.carried(pose, child):
+            poses.append((stamp_ns, carried))
+        else:
+            left_out.append(child)
+    if left_out and warnings is not None:
+        warnings.append(f'{name}: {frame.problem(left_out[0])}')
     return poses
 
 
@@ -221,7 +236,8 @@ def read_static_transforms(
     return StaticTransforms(transforms) if transforms else None
 
 
-def _pose(message: RawMessage) -> tuple[int, Pose] | None:
+def _pose(message: RawMessage) -> tuple[int, Pose, str] | None:
+    """Return a stamp, a pose, and the frame that it is of, empty if it is not said."""
     try:
         decoded = decode(message)
     except ImageError:
@@ -231,4 +247,5 @@ def _pose(message: RawMessage) -> tuple[int, Pose] | None:
     else:
         plain = decoded.pose if message.type_name == POSE_TYPES[1] else decoded.pose.pose
         pose = pose_from_message(plain)
-    return None if pose is None else (message.stamp_ns, pose)
+    child = getattr(decoded, 'child_frame_id', '')
+    return None if pose is None else (message.stamp_ns, pose, child)

@@ -7,11 +7,12 @@ import threading
 from types import SimpleNamespace
 from unittest.mock import Mock
 
-from convseq_ros.core.types import Camera
+from convseq_ros.core.types import Camera, Pose
 from convseq_ros.node.conversions import stamp_from_ns
 from convseq_ros.node.inputs import odometry_listener
 from convseq_ros.node.inputs.camera_mount import Mount
 from convseq_ros.node.qos import LATCHED
+from convseq_ros.sources.mount import OdometryFrame
 from nav_msgs.msg import Odometry
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -23,8 +24,8 @@ K = [100.0, 0.0, 80.0, 0.0, 100.0, 60.0, 0.0, 0.0, 1.0]
 QUICK = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def odometry(x, stamp_ns, frame_id='odom'):
-    message = Odometry()
+def odometry(x, stamp_ns, frame_id='odom', child=''):
+    message = Odometry(child_frame_id=child)
     message.header.stamp = stamp_from_ns(stamp_ns)
     message.header.frame_id = frame_id
     message.pose.pose.position.x = float(x)
@@ -112,7 +113,9 @@ class Tracked:
         monkeypatch.setattr(odometry_listener, 'FollowingSubscription', self.subscription)
         self.node = Mock()
         self.node.count_publishers.return_value = publishers
-        self.odometry = odometry_listener.OdometryListener(self.node, wait_s)
+        self.bases = {}  # poses of the base in other frames
+        frame = OdometryFrame('base_link', self.bases.get)
+        self.odometry = odometry_listener.OdometryListener(self.node, wait_s, frame)
         self.hear = self.subscription.call_args.args[3]
 
     def wait_for_pose(self, stamp_ns):
@@ -194,20 +197,43 @@ def test_odometry_that_is_not_a_pose_or_has_no_stamp_is_one_warning(monkeypatch)
     assert all(call.kwargs['once'] for call in warning.call_args_list)
 
 
+def test_odometry_of_another_frame_waits_for_tf_and_is_then_carried(monkeypatch):
+    tracked = Tracked(monkeypatch)
+    tracked.hear(odometry(0, SECOND, child='imu'))
+    assert not tracked.odometry.heard
+    tracked.bases['imu'] = Pose((0.0, 2.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    tracked.hear(odometry(1, 2 * SECOND, child='imu'))
+    assert tracked.odometry.pose_at(2 * SECOND).position == (1.0, 2.0, 0.0)
+    assert not tracked.node.get_logger.return_value.warning.called
+
+
+def test_odometry_that_tf_never_places_is_left_out_with_a_line(monkeypatch):
+    tracked = Tracked(monkeypatch)
+    warning = tracked.node.get_logger.return_value.warning
+    tracked.hear(odometry(0, SECOND, child='imu'))
+    tracked.hear(odometry(1, 4 * SECOND - 1, child='imu'))
+    assert not warning.called
+    tracked.hear(odometry(1, 4 * SECOND, child='imu'))
+    assert 'poses are of imu' in warning.call_args.args[0] and warning.call_args.kwargs['once']
+    assert not tracked.odometry.heard
+
+
 LENS = SimpleNamespace(x=-0.5, y=0.5, z=-0.5, w=0.5)  # x right, y down, z ahead: REP-103
 
 
 class Buffer:
     def __init__(self):
-        self.known, self.asked = False, 0
+        self.known, self.asked, self.stamp_ns = False, 0, 0
 
     def can_transform(self, target, source, _time):
         self.asked += 1
-        return self.known and (target, source) == ('base_link', 'lens')
+        return self.known and {target, source} == {'base_link', 'lens'}
 
     def lookup_transform(self, *_frames):
         at = SimpleNamespace(x=0.3, y=0.0, z=1.2)
-        return SimpleNamespace(transform=SimpleNamespace(translation=at, rotation=LENS))
+        moved = SimpleNamespace(translation=at, rotation=LENS)
+        header = SimpleNamespace(stamp=stamp_from_ns(self.stamp_ns))
+        return SimpleNamespace(header=header, transform=moved)
 
 
 @pytest.fixture
@@ -229,3 +255,15 @@ def test_a_lens_frame_that_looks_ahead_gives_a_mount_without_rotation(node, monk
     asked = mount._buffer.asked
     assert mount.of('lens') is pose and mount._buffer.asked == asked and len(node.said) == 1
     assert mount.of('another') is None
+
+
+def test_only_a_frame_that_does_not_move_on_the_robot_carries_odometry(node, monkeypatch):
+    assert Mount(node, 'base_link').base_in('lens') is None  # without tf2_ros
+    tf = SimpleNamespace(Buffer=Buffer, TransformListener=lambda _buffer, _node: None)
+    monkeypatch.setitem(sys.modules, 'tf2_ros', tf)
+    mount = Mount(node, 'base_link')
+    assert mount.base_in('lens') is None
+    mount._buffer.known = True
+    assert mount.base_in('lens').position == (0.3, 0.0, 1.2)
+    mount._buffer.stamp_ns = SECOND
+    assert mount.base_in('lens') is None

@@ -1,7 +1,8 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the camera of a recording is on the robot, by its /tf_static."""
+"""Where camera and odometry of a recording are on the robot, by its /tf_static."""
 
+from dataclasses import replace
 import math
 
 from convseq_ros.core.rigid import of_roll_pitch_yaw
@@ -151,3 +152,51 @@ def test_a_transform_that_is_not_finite_is_left_out():
 def test_a_mount_is_written_as_the_six_numbers_of_the_parameter():
     mount = of_roll_pitch_yaw((1.0, -2.0, 3.0), 0.1, -0.2, 3.0)
     assert as_parameter(mount) == '1 -2 3 0.1 -0.2 3'
+
+
+IMU = tf(transform('base_link', 'imu', (0.0, 2.0, 0.0), TO_THE_LEFT))
+
+
+@pytest.fixture
+def posed(write, pictures):
+    """Return what opens a recording with odometry; it returns its poses, and what was said."""
+
+    def open_with(*messages, child='imu', **how):
+        rows = recordings.drive(pictures[:2])
+        for at in range(2):
+            moved = recordings.odometry(float(at), recordings.START_NS + recordings.STEP_NS * at)
+            rows.append(('/odom', 1, replace(moved, child_frame_id=child)))
+        rows += [('/tf_static', 1, message) for message in messages]
+        told = []
+        source = open_annotated(
+            write('mcap file', rows), odom='/odom', tf=Tf(tell=told.append, **how)
+        )
+        return [frame.pose for frame in source], source.warnings, told
+
+    return open_with
+
+
+def test_odometry_of_another_frame_is_carried_to_the_base(posed):
+    poses, warnings, (told,) = posed(IMU, child='/imu')
+    # The base is 2 m along its own right, which is the x of the IMU, turned by 0.6, 0.8 about z.
+    assert poses[1].position == pytest.approx((1.0 - 2 * 0.28, 2.0 - 2 * 0.96, 3.0))
+    yaw = 2 * math.atan2(0.6, 0.8) - math.pi / 2
+    assert poses[1].yaw_rad == pytest.approx(yaw)
+    assert told.endswith('/odom: poses of imu are carried to base_link by static TF')
+    assert not warnings
+
+
+@pytest.mark.parametrize('messages', [(), (SIDEWAYS,)])
+def test_odometry_that_cannot_be_carried_is_left_out_with_one_line(posed, messages):
+    poses, (warning,), told = posed(*messages)
+    assert poses == [None, None] and not told
+    assert warning.startswith('/odom: poses are of imu') and 'base_link: they are left' in warning
+
+
+@pytest.mark.parametrize(
+    ('child', 'how'),
+    [('', {}), ('base_link', {}), ('robot1/base_footprint', {}), ('imu', {'base_frame': '/imu'})],
+)
+def test_odometry_of_the_robot_itself_stays_as_it_is(posed, child, how):
+    poses, warnings, _ = posed(child=child, **how)
+    assert poses[1].position == (1.0, 2.0, 3.0) and not warnings

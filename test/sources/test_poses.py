@@ -379,6 +379,46 @@ def test_a_drive_of_which_most_images_have_no_pose_says_so(known, said):
     assert all(line.startswith(f'/odom has {said}; check') for line in source.warnings)
 
 
+@pytest.mark.parametrize(
+    ('way', 'turn', 'is_said'),
+    [
+        ((0, 0, 1.0), (0, 0, 0, 1), True),  # z ahead, in a world like that
+        ((1.0, 0, 0), (-0.5, 0.5, -0.5, 0.5), True),  # z ahead, in a level world
+        ((1.0, 0, 0), (0, 0, 0, 1), False),
+        ((0.6, 0, 0.5), (0, 0, 0, 1), False),  # a steep way
+        ((0, 0, 0.1), (0, 0, 0, 1), False),  # too short
+    ],
+)
+def test_a_drive_in_axes_of_a_lens_says_so(way, turn, is_said):
+    source = Shown(8)
+    poses = [Pose(tuple(at * part for part in way), turn) for at in range(8)]
+    assert len([*AnnotatedFrames(source, lambda at, _: poses[at], None, 'poses.txt')]) == 8
+    assert len(source.warnings) == is_said
+    assert all(line.startswith('poses.txt: poses move along') for line in source.warnings)
+
+
+def test_shivering_is_no_motion_along_an_axis():
+    source = Shown(99)
+    poses = [Pose((at * 0.1, 0.0, at % 2 * 0.4), (0, 0, 0, 1)) for at in range(99)]
+    assert len([*AnnotatedFrames(source, lambda at, _: poses[at], None, '/odom')]) == 99
+    assert not source.warnings
+
+
+FILES = Path(__file__).resolve().parents[2] / 'docs' / 'FILES.md'
+
+
+def test_the_page_turns_poses_of_a_lens(file):
+    """As KITTI's are turned: a metre to the right, one down and one ahead, turned to the right."""
+    (script,) = re.findall(r"awk ('.*') CameraTrajectory.txt", FILES.read_text())
+    half = math.sqrt(0.5)
+    lens = file(f'5 1 3 0 0 {half} 0 {half}')
+    done = run('sh', '-c', f'awk {script} {lens}')
+    turned = read_pose_file(file(done.stdout), 1)(0, 5 * SECOND)
+    kitti = read_pose_file(file(RIGHT), 1)(0, 0)
+    assert turned.position == kitti.position
+    assert turned.orientation == pytest.approx(kitti.orientation)
+
+
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'howto' / 'satellite_fixes.md'
 
 

@@ -1,10 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the cameras of a robot are, by TF."""
+"""Where cameras and odometry of a robot are, by TF."""
 
 from typing import Any
 
 from convseq_ros.core.types import Pose
+from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.sources.mount import as_parameter, mount_of, pose_of_transform, problem_of_lens
 from rclpy.node import Node
 from rclpy.time import Time
@@ -34,6 +35,16 @@ class Mount:
                 if lens is not None:
                     self._poses[optical_frame] = self._told(lens, optical_frame)
         return self._poses.get(optical_frame)
+
+    def base_in(self, frame: str) -> Pose | None:
+        """Return the pose of the base in a frame; None if they may move, or it is unknown."""
+        frames = frame, self._base_frame, Time()
+        if not (self._buffer and self._buffer.can_transform(*frames)):
+            return None
+        stamped = self._buffer.lookup_transform(*frames)
+        # A way of static transforms alone has no time.
+        is_static = not stamp_to_ns(stamped.header.stamp)
+        return pose_of_transform(stamped.transform) if is_static else None
 
     def _told(self, lens: Pose, frame: str) -> Pose | None:
         """Return the mount of a lens, and tell it; None if its frame is no optical one."""

@@ -10,6 +10,7 @@ from convseq_ros.node.inputs.camera_description import CameraDescription
 from convseq_ros.node.inputs.camera_mount import Mount
 from convseq_ros.node.inputs.listener import ListeningNode
 from convseq_ros.node.inputs.odometry_listener import OdometryListener
+from convseq_ros.sources.mount import OdometryFrame
 from convseq_ros.sources.topic_rank import camera_info_beside
 
 
@@ -17,8 +18,10 @@ class FrameContext:
     """Listens to `odom`, and to `camera_info` of the cameras' `topics`."""
 
     def __init__(self, node: ListeningNode, config: NodeConfig, topics: Sequence[str]) -> None:
-        self.odometry = OdometryListener(node, config.odom_wait_s)
         mount = Mount(node, config.base_frame)
+        tell = node.get_logger().info
+        frame = OdometryFrame(config.base_frame, mount.base_in, lambda line: tell(f'odom: {line}'))
+        self.odometry = OdometryListener(node, config.odom_wait_s, frame)
         infos = {'': 'camera_info'}
         if len(topics) > 1:
             infos = {topic: camera_info_beside(topic) for topic in topics}

@@ -11,11 +11,13 @@ from convseq_ros.node.inputs.following_subscription import FollowingSubscription
 from convseq_ros.node.inputs.listener import ListeningNode
 from convseq_ros.node.inputs.missing import Missing
 from convseq_ros.node.inputs.waiting import Waiting
+from convseq_ros.sources.mount import OdometryFrame
 from convseq_ros.sources.pose_track import LONGEST_GAP_NS, odometry_from_message, PoseTrack
 from nav_msgs.msg import Odometry as OdometryMessage
 
 _DEPTH = 200  # messages of odometry that may wait
 _KEPT = 20_000
+_TF_WAIT_NS = 3_000_000_000  # in which TF may still come
 
 
 class OdometryListener:
@@ -23,11 +25,13 @@ class OdometryListener:
     Listens to `odom`, returns the pose at the stamp of an image, and counts images without.
 
     An image often arrives before the odometry of its time, and waits for it: a pose interpolated
-    between two messages is the same as offline, an extrapolated one is a guess.
+    between two messages is the same as offline, an extrapolated one is a guess. `frame` carries
+    poses to the base.
     """
 
-    def __init__(self, node: ListeningNode, wait_s: float) -> None:
+    def __init__(self, node: ListeningNode, wait_s: float, frame: OdometryFrame) -> None:
         self.frame_id = ''
+        self._frame, self._uncarried_ns = frame, 0
         self.missing = Missing(node.get_logger())
         self._on_pose: Callable[[int, str], None] = lambda _stamp_ns, _frame_id: None
         self._node = node
@@ -86,6 +90,13 @@ class OdometryListener:
                 'not a pose, is left out',
                 once=True,
             )
+            return
+        pose = self._frame.carried(pose, message.child_frame_id)
+        if pose is None:
+            self._uncarried_ns = self._uncarried_ns or stamp_ns
+            if stamp_ns - self._uncarried_ns >= _TF_WAIT_NS:
+                line = self._frame.problem(message.child_frame_id)
+                self._node.get_logger().warning(f'{self.topic}: {line}', once=True)
             return
         with self.waiting.changed:
             self.frame_id = message.header.frame_id
