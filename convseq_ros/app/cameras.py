@@ -89,9 +89,14 @@ class Cameras:
         return max(recognizer.decider.odometry_jumps for recognizer in self.each)
 
     @property
+    def notes(self) -> list[str]:
+        """Where cameras are, one line each, if it is not known otherwise."""
+        return self._each_said(lambda recognizer: recognizer.camera_check.note)
+
+    @property
     def problems(self) -> list[str]:
-        """What is wrong with odometry and with stamps, one line each."""
-        lines = []
+        """What is wrong with cameras, odometry and stamps, one line each."""
+        lines = self._each_said(lambda recognizer: recognizer.camera_check.problem)
         if self.odometry_jumps:
             lines.append(
                 f'odometry has steps faster than {ROBOT.fastest_mps:g} m/s, which count as no '
@@ -108,6 +113,12 @@ class Cameras:
     def resets(self) -> int:
         """Number of times that a clock jumped back."""
         return max(recognizer.resets for recognizer in self.each)
+
+    def _each_said(self, line_of: Callable[[PlaceRecognizer], str]) -> list[str]:
+        """Return the lines of recognisers, with the names of several cameras."""
+        named = self.recognizers if len(self.recognizers) > 1 else {'': self.first}
+        said = ((name, line_of(recognizer)) for name, recognizer in named.items())
+        return [f'{name}: {line}' if name else line for name, line in said if line]
 
     def configure(self, config: Config) -> None:
         """Use other settings from now on."""

@@ -20,6 +20,7 @@ from convseq_ros.core.map.image_coding import decode_jpeg
 from convseq_ros.core.map.kept_keypoints import has_keypoints, without_keypoints
 from convseq_ros.core.map.online import link, OnlineMap
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.pose.camera_check import CameraCheck
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Descriptor, Frame, Match
 
@@ -74,6 +75,11 @@ class MapBuilder:
             mapping=OnlineMap(self.reference_map, config, name, frame, links),
             order=AnyOrder(),  # all frames are one session, whatever their stamps
         )
+
+    @property
+    def camera_check(self) -> CameraCheck:
+        """What to say about the camera."""
+        return self._recognizer.camera_check
 
     @property
     def added(self) -> int:

@@ -18,6 +18,7 @@ from convseq_ros.cli.options import (
     add_images,
     add_max_looks,
     chosen_images,
+    note,
     progress,
     quoted,
     say,
@@ -179,7 +180,10 @@ def build(
             report(builder.problem)
         frames = source if on_warning else progress(source, len(source), path.name)
         problem = counts.add(builder, frames, report)
-        for warning in source.warnings:
+        check = builder.camera_check
+        if check.note and not on_warning:
+            note(check.note)
+        for warning in filter(None, [check.problem, *source.warnings]):
             report(warning)
         if counts.interrupted:
             if not counts.added:

@@ -25,6 +25,8 @@ from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.rigid import as_parameter
+from convseq_ros.core.types import Camera
 from convseq_ros.errors import ConfigError, printable
 from convseq_ros.evaluation.provenance import processor, version_of
 from convseq_ros.io.output_file import FIGURE
@@ -123,6 +125,7 @@ def describe_map(path: Path, reference_map: ReferenceMap) -> dict[str, Any]:
             **_describe_drive(drives.get(number, [])),
             'camera': bool(session.camera),
             'frame': session.frame,
+            'camera_to_base': _mount(session.camera),
         }
         for number, session in enumerate(reference_map.sessions)
     ]
@@ -143,6 +146,10 @@ def describe_map(path: Path, reference_map: ReferenceMap) -> dict[str, Any]:
         'path_m': sum((session['path_m'] for session in sessions), 0.0),
         'sessions': sessions,
     }
+
+
+def _mount(camera: Camera | None) -> str | None:
+    return as_parameter(camera.mount) if camera and camera.mount else None
 
 
 def _describe_drive(places: list[Place]) -> dict[str, Any]:
@@ -166,8 +173,9 @@ def _line(session: dict[str, Any]) -> str:
     time = datetime.fromtimestamp(session['start_ns'] / 1e9, UTC)
     with_pose = f', {session["with_pose"]} with a pose' if session['with_pose'] else ''
     frame = f' in {printable(session["frame"])}' if session['frame'] else ''
+    mount = f', camera_to_base "{at}"' if (at := session['camera_to_base']) else ''
     return (
         f'{session["session"]} {printable(session["name"] or "(no name)")}: '
         f'{session["references"]} references{with_pose}{frame}, {session["path_m"]:.1f} m, '
-        f'from {time:%Y-%m-%d %H:%M:%S} UTC, id {printable(session["id"])}'
+        f'from {time:%Y-%m-%d %H:%M:%S} UTC, id {printable(session["id"])}{mount}'
     )

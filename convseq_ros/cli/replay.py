@@ -21,6 +21,7 @@ from convseq_ros.cli.options import (
     add_images,
     chosen_config,
     chosen_images,
+    note,
     progress,
     say,
     tells_what_is_kept,
@@ -117,6 +118,8 @@ def _replayed(chosen: argparse.Namespace, pipeline: Pipeline) -> dict[str, Any]:
     if report:
         title = printable(f'{chosen.recording.name} in {name.name}')
         report.write(chosen.report, title, first)
+    for line in cameras.notes:
+        note(line)
     for warning in [*source.warnings, *cameras.problems]:
         warn(warning)
     if (loaded := first.reference_map).unreadable:

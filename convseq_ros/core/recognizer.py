@@ -18,6 +18,7 @@ from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.gate.stamp_order import Order, StampOrder
 from convseq_ros.core.map.online import FollowedMap, mapping_of, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.pose.camera_check import CameraCheck
 from convseq_ros.core.pose.estimate import with_pose
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.pose.shift import with_shift_and_yaw
@@ -107,6 +108,7 @@ class PlaceRecognizer:
         )
         if leader:
             self.decider.use_matches_of(leader.decider)
+        self.camera_check = CameraCheck(reference_map)
         self._poses = RelativePoses(reference_map, self.matcher, config.reading)
         self._accepted_ns: int | None = None  # stamp of the newest accepted match
         self._order = order or StampOrder()
@@ -129,7 +131,9 @@ class PlaceRecognizer:
         if not isinstance(frame, Frame):
             raise ConfigError(f'expected a Frame, got {type(frame).__name__}')
         self._count += 1
+        is_mounted = bool(frame.camera and frame.camera.mount)
         frame = upright(frame, self._encoding, self.config.robot)
+        self.camera_check.see(frame.camera, is_mounted)
         match = self._match(frame, descriptor)
         return self.localizer.update(match, self.mapping.session_start)
 

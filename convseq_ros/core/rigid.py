@@ -104,6 +104,16 @@ def of_roll_pitch_yaw(position: Vector, roll: float, pitch: float, yaw: float) -
     return Pose(position, quaternion(turn))
 
 
+def as_parameter(mount: Pose) -> str:
+    """Return a mount as `camera_to_base` takes it: x y z in metres, roll pitch yaw in radians."""
+    turn = matrix(mount)[:3, :3]
+    pitch = math.atan2(-turn[2, 0], math.hypot(turn[0, 0], turn[1, 0]))
+    roll, yaw = math.atan2(turn[2, 1], turn[2, 2]), math.atan2(turn[1, 0], turn[0, 0])
+    return ' '.join(
+        f'{round(number, 4) + 0.0:g}' for number in (*mount.position, roll, pitch, yaw)
+    )
+
+
 def base_between(camera: Camera, other: Camera) -> Matrix:
     """Return the pose (4, 4) of another robot's base in a robot's, if their cameras coincide."""
     if camera.mount is None or other.mount is None or camera.mount == other.mount:

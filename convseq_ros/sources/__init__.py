@@ -152,11 +152,13 @@ def _mount(
         tf.tell(f'{path}: {line}')
         return None
     mount = mount_of(lens)
-    by_tf = f'"{as_parameter(mount)}", as /tf_static places {optical_frame} in {tf.base_frame}'
+    at = f'"{as_parameter(mount)}"'
     if tf.camera_to_base:
-        tf.tell(f'{path}: camera_to_base is "{tf.camera_to_base}" as given, and not {by_tf}')
+        placed = f'/tf_static places {optical_frame} at {at} in {tf.base_frame}'
+        tf.tell(f'{path}: {placed}; camera_to_base was given and counts')
         return None
-    tf.tell(f'{path}: camera_to_base is {by_tf}')
+    placed = f'as /tf_static places {optical_frame} in {tf.base_frame}'
+    tf.tell(f'{path}: camera_to_base is {at}, {placed}')
     return mount
 
 

@@ -8,6 +8,7 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
+from convseq_ros.core.rigid import as_parameter as as_parameter
 from convseq_ros.core.rigid import inverse, Matrix, matrix, pose_of, ROBOT_LENS
 from convseq_ros.core.types import Pose
 from convseq_ros.sources.pose_track import pose_from_message
@@ -45,16 +46,6 @@ def problem_of_lens(lens: Pose, frame: str) -> str:
     return (
         f'{frame} is no optical frame, whose z is ahead: the lens would look straight up, so it '
         'is not used; give camera_info the optical frame, or set camera_to_base'
-    )
-
-
-def as_parameter(mount: Pose) -> str:
-    """Return a mount as `camera_to_base` takes it: x y z in metres, roll pitch yaw in radians."""
-    turn = matrix(mount)[:3, :3]
-    pitch = math.atan2(-turn[2, 0], math.hypot(turn[0, 0], turn[1, 0]))
-    roll, yaw = math.atan2(turn[2, 1], turn[2, 2]), math.atan2(turn[1, 0], turn[0, 0])
-    return ' '.join(
-        f'{round(number, 4) + 0.0:g}' for number in (*mount.position, roll, pitch, yaw)
     )
 
 

@@ -50,6 +50,20 @@ def test_the_line_to_paste_builds_a_map_with_poses(drive, capsys, tmp_path, monk
     assert (len(facts['sessions']), facts['path_m']) == (1, pytest.approx(11.0, abs=0.1))
 
 
+def test_build_map_info_and_replay_tell_where_the_camera_is(drive, capsys, tmp_path):
+    path, output = str(tmp_path / 'map.db'), ['--output', str(tmp_path / 'result.csv')]
+    camera = ['--camera-info', '/camera/camera_info', '--camera-to-base']
+    assert main(['build-map', str(drive), path, *camera, '1 0 1 0 0 0']) == 0
+    assert 'camera_to_base is "1 0 1 0 0 0", as given' in capsys.readouterr().err
+    assert main(['info', path]) == 0
+    assert 'camera_to_base "1 0 1 0 0 0"' in capsys.readouterr().out
+    replay = ['replay', str(drive), '--map', path, *output, *camera]
+    assert main([*replay, '1 0 1 0 0 0']) == 0
+    assert capsys.readouterr().err == 'camera_to_base is "1 0 1 0 0 0", as given\n'
+    assert main([*replay, '2 0 1 0 0 0']) == 0
+    assert capsys.readouterr().err.startswith('warning: camera_to_base is "2 0 1 0 0 0", and was')
+
+
 def test_odometry_comes_before_the_truth(tmp_path):
     shots = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))[:2]
     measured = [replace(shot, odometry=shot.pose) for shot in shots]

@@ -122,6 +122,57 @@ def test_settings_reach_every_camera(reference_map):
         assert config.acceptance.min_confidence == 0.7 and config.robot.mount[0] == x_m
 
 
+def of_mount(config, text, camera=LENS):
+    """Return what is said of a camera: the note, and the problem."""
+    recognizer = PlaceRecognizer(config, with_values(OWN, {'camera_to_base': text}))
+    recognizer.process(Frame(0, np.zeros((12, 16), np.uint8), camera=camera))
+    return recognizer.camera_check.note, recognizer.camera_check.problem
+
+
+def test_the_mount_in_use_is_told_unless_the_frame_has_it():
+    empty = ReferenceMap(OWN.encoding)
+    assert of_mount(empty, '1 0 1 0 0 0.5') == ('camera_to_base is "1 0 1 0 0 0.5", as given', '')
+    note, problem = of_mount(empty, '0 0 0 0 0 0')
+    assert note.startswith('camera_to_base is "0 0 0 0 0 0": the base is at the') and not problem
+    mounted = replace(LENS, mount=of_roll_pitch_yaw((1.0, 0.0, 1.0), 0.0, 0.0, 0.5))
+    assert of_mount(empty, '0 0 0 0 0 0', mounted) == ('', '')
+    assert of_mount(empty, '1 0 1 0 0 0.5', None) == ('', '')
+
+
+@pytest.mark.parametrize(
+    ('text', 'is_other'),
+    [
+        ('1 0 1 0 0 0', False),
+        ('1 0.04 1 0 0.03 0', False),  # as calibrations differ
+        ('-1 0 1 0 0 3.14', False),  # of the other session
+        ('1 0.06 1 0 0 0', True),
+        ('1 0 1 0 0.04 0', True),
+        ('0 0 0 0 0 0', True),
+    ],
+)
+def test_a_mount_that_no_camera_of_the_map_had_is_a_problem(text, is_other):
+    mapped = ReferenceMap(OWN.encoding)
+    for x, yaw in ((1.0, 0.0), (-1.0, math.pi)):
+        mount = of_roll_pitch_yaw((x, 0.0, 1.0), 0.0, 0.0, yaw)
+        mapped.begin_session(0, replace(LENS, mount=mount))
+    mapped.begin_session(0, LENS)  # whose mount is unknown
+    note, problem = of_mount(mapped, text)
+    assert bool(problem) == is_other and not (note and problem)
+    if is_other:
+        assert problem.startswith(f'camera_to_base is "{text}", and was "-1 0 1 0 0 3.1416" when')
+
+
+def test_what_is_said_of_several_cameras_has_their_names():
+    for sources, told in (([FRONT, REAR], [f'{FRONT}: camera', f'{REAR}: camera']), ([], ['cam'])):
+        config = OWN if sources else with_values(OWN, {'camera_to_base': '1 0 1 0 0 0'})
+        cameras = Cameras(ReferenceMap(OWN.encoding), config, sources)
+        assert cameras.notes == []
+        for source in sources or [FRONT]:
+            cameras.process(Frame(0, np.zeros((12, 16), np.uint8), source, camera=LENS))
+        assert all(note.startswith(said) for note, said in zip(cameras.notes, told, strict=True))
+        assert not cameras.problems
+
+
 def test_the_base_between_cameras_brings_one_mount_onto_the_other():
     front, rear = (
         replace(LENS, mount=of_roll_pitch_yaw((x_m, 0.0, 1.0), 0.0, 0.0, yaw))

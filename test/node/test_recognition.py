@@ -126,6 +126,13 @@ def test_pictures_that_are_cut_at_different_bytes_are_one_warning(setup):
     assert len(told) == 2 and '154520 bytes' in told[0] and 'step' in told[1]
 
 
+def test_the_mount_in_use_is_logged_once(setup, image, gray):
+    for number in range(3):
+        setup.handle(image(gray, 1), number)
+    ((told,),) = (call.args for call in setup.logger.info.call_args_list)
+    assert told.startswith('camera_to_base is "0 0 0 0 0 0"')
+
+
 def test_odometry_that_no_robot_can_have_is_logged_once_and_counted(map_path, path, image, gray):
     setup = Setup(Pipeline(map_path, make_config({})), path)
     for number in range(6):
@@ -177,6 +184,7 @@ def test_a_map_without_links_is_linked_while_frames_are_answered(
     wait_for(lambda: whole.is_linked)
     setup.recognition.close()
     told = [call.args[0] for call in setup.logger.info.call_args_list]
+    told = [line for line in told if line.startswith('linking')]
     assert told[0].startswith(f'linking 25 places of {path}') and len(told) == 11
     assert f'linking {path}: 100 %' in told[-1] and not setup.logger.error.called
     assert (path.read_bytes() == map_path.read_bytes()) == (mode == 'preloaded')

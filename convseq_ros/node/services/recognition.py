@@ -114,6 +114,8 @@ class Recognition:
             match = cameras.process(frame)
         duration_ms = before_ms + (time.perf_counter_ns() - start_ns) / 1e6
         self._save()
+        for line in cameras.notes:
+            self._once.note(line)
         for problem in cameras.problems:
             self._once.warn(problem)
         match = replace(match, query_index=arrival.number)
