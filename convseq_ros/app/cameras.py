@@ -97,6 +97,7 @@ class Cameras:
     def problems(self) -> list[str]:
         """What is wrong with cameras, odometry and stamps, one line each."""
         lines = self._each_said(lambda recognizer: recognizer.camera_check.problem)
+        lines += self._each_said(lambda recognizer: recognizer.view.problem)
         if self.odometry_jumps:
             lines.append(
                 f'odometry has steps faster than {ROBOT.fastest_mps:g} m/s, which count as no '

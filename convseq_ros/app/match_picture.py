@@ -23,8 +23,10 @@ def answer_picture(frame: Frame, match: Match, recognizer: PlaceRecognizer) -> I
     """Return the picture of the newest frame and its answer, as `match_picture`."""
     best, reference_map = match.best, recognizer.reference_map
     thumbnail = reference_map.thumbnail(best.reference_index) if best else b''
-    image = upright(frame, reference_map.encoding)
-    return match_picture(image, match, thumbnail, recognizer.displacements(best))
+    image = upright(frame, reference_map.encoding, recognizer.config.robot)
+    return match_picture(
+        recognizer.view.brought(image), match, thumbnail, recognizer.displacements(best)
+    )
 
 
 def match_picture(frame: Frame, match: Match, thumbnail: bytes, field: Regions) -> Image:

@@ -54,6 +54,8 @@ def run(chosen: argparse.Namespace) -> int:
         recognizer = pipeline.recognizer
         frames = list(_frames(chosen.images, recognizer, chosen.camera_info))
         matches = [recognizer.process(frame) for frame in frames]
+        for line in pipeline.cameras.problems:
+            warn(line)
         pose = _pose(matches, recognizer)
         answer = _answer(matches, recognizer, pose)
         if chosen.picture:

@@ -16,6 +16,7 @@ from convseq_ros.core.encoding.first_stage import Describe, FirstStage
 from convseq_ros.core.encoding.upright import upright
 from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.gate.stamp_order import Order, StampOrder
+from convseq_ros.core.geometry.map_view import MapView
 from convseq_ros.core.map.online import FollowedMap, mapping_of, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.camera_check import CameraCheck
@@ -109,6 +110,7 @@ class PlaceRecognizer:
         if leader:
             self.decider.use_matches_of(leader.decider)
         self.camera_check = CameraCheck(reference_map)
+        self.view = MapView(reference_map, self._encoding, config.online.grows)
         self._poses = RelativePoses(reference_map, self.matcher, config.reading)
         self._accepted_ns: int | None = None  # stamp of the newest accepted match
         self._order = order or StampOrder()
@@ -134,6 +136,8 @@ class PlaceRecognizer:
         is_mounted = bool(frame.camera and frame.camera.mount)
         frame = upright(frame, self._encoding, self.config.robot)
         self.camera_check.see(frame.camera, is_mounted)
+        if descriptor is None:
+            frame = self.view.brought(frame)
         match = self._match(frame, descriptor)
         return self.localizer.update(match, self.mapping.session_start)
 
@@ -259,7 +263,8 @@ class PlaceRecognizer:
         """Return the descriptor of a readable frame."""
         if descriptor is None:
             assert frame.gray is not None
-            descriptor = describe(frame.gray, self._encoding)
+            encoding = self.view.encoding
+            descriptor = describe(frame.gray, encoding) if encoding else self._blank
         return descriptor
 
     def _leave_slot(self, frame: Frame) -> None:

@@ -42,33 +42,40 @@ def rays_through(camera: Camera, shares: Points) -> Points:
     """Return `rays` for places across and down, as shares of the image."""
     # The middle of the first pixel is at 0.
     middle = shares * (camera.width_px, camera.height_px) - 0.5
-    matrix = np.array(
-        [[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]]
-    )
     if not any(camera.distortion):
-        found = (middle - matrix[:2, 2]) / (camera.fx_px, camera.fy_px)
+        found = (middle - (camera.cx_px, camera.cy_px)) / (camera.fx_px, camera.fy_px)
     else:
         error_px = LENS.error_share * min(camera.width_px, camera.height_px)
-        found = _undistorted(camera, middle, matrix, error_px)
+        found = _undistorted(camera, middle, error_px)
     with np.errstate(invalid='ignore'):
         found[~(abs(found) < LENS.widest).all(axis=1)] = np.nan
     return np.asarray(found)
 
 
-def _undistorted(camera: Camera, pixels: Points, matrix: Points, error_px: float) -> Points:
+def pixels(camera: Camera, rays: Points) -> Points:
+    """Return where a camera sees rays (n, 2) that meet z = 1: across, down; NaN stays NaN."""
+    numbers, known = np.array(camera.distortion), np.nan_to_num(rays)[None]
+    if camera.distortion_model == 'equidistant':
+        found = cv2.fisheye.distortPoints(known, _matrix(camera), numbers)
+    else:
+        deep, still = cv2.convertPointsToHomogeneous(known[0]), np.zeros(3)
+        found, _ = cv2.projectPoints(deep, still, still, _matrix(camera), numbers)
+    return np.where(np.isnan(rays), np.nan, np.reshape(found, rays.shape))
+
+
+def _matrix(camera: Camera) -> Doubles:
+    return np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]])
+
+
+def _undistorted(camera: Camera, places: Points, error_px: float) -> Points:
     """Return rays of pixels; NaN where a ray, distorted again, misses its pixel."""
-    found = np.full_like(pixels, np.nan)
-    known = np.isfinite(pixels).all(axis=1)
-    observed, numbers = pixels[known][None], np.array(camera.distortion)
+    found = np.full_like(places, np.nan)
+    known = np.isfinite(places).all(axis=1)
+    observed, numbers = places[known][None], np.array(camera.distortion)
     if not known.any():
         return found
-    if camera.distortion_model == 'equidistant':
-        straight = cv2.fisheye.undistortPoints(observed, matrix, numbers)
-        again = cv2.fisheye.distortPoints(straight, matrix, numbers)
-    else:
-        straight = cv2.undistortPoints(observed, matrix, numbers)
-        deep = cv2.convertPointsToHomogeneous(straight[:, 0])
-        again, _ = cv2.projectPoints(deep, np.zeros(3), np.zeros(3), matrix, numbers)
-    off = np.linalg.norm(again.reshape(-1, 2) - observed[0], axis=1)
-    found[known] = np.where((off <= error_px)[:, None], straight.reshape(-1, 2), np.nan)
+    how = cv2.fisheye if camera.distortion_model == 'equidistant' else cv2
+    straight = how.undistortPoints(observed, _matrix(camera), numbers).reshape(-1, 2)
+    off = np.linalg.norm(pixels(camera, straight) - observed[0], axis=1)
+    found[known] = np.where((off <= error_px)[:, None], straight, np.nan)
     return found

@@ -1,0 +1,154 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Images of another lens than the map's, as the map's lens would have taken them.
+
+A lens of another field of view shows a place as the map's lens shows one further on, or back. So
+images of a wider lens are cut, and those of a narrower one stand in the middle, the rest masked.
+"""
+
+from dataclasses import dataclass, replace
+import math
+
+from convseq_ros.config import EncodingConfig
+from convseq_ros.core.encoding.descriptor import cell_shape, HOG, visible_cells
+from convseq_ros.core.geometry.lens import is_usable, pixels, rays_through
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import Camera, constants, Flags, Floats, Frame
+import cv2
+import numpy as np
+
+
+@constants
+class VIEW:
+    """Engineering, but for `least`."""
+
+    alike: float = 1.1  # ratio of fields of view up to which images are taken as they are
+    least: float = 0.1  # smallest share of the map's cells that an image must fill
+    longest_px: int = 640  # longer side of an image in the map's view
+    error: float = 0.01  # largest error of a ray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class View:
+    """How images of a camera become those of the map's lens."""
+
+    camera: Camera  # the map's lens, on the robot's mount
+    given: Camera  # the robot's, of the size to which images are reduced
+    at: Floats  # (H, W, 2), the pixel of an image for each of the result: across, down
+    encoding: EncodingConfig  # with a mask of what is not seen
+
+
+class MapView:
+    """
+    Brings frames to the view of the lens that made a map, if both cameras are known.
+
+    `encoding` is how the newest frame is described; None if it shows too little of the map's view.
+    `problem` is one line if the lenses differ, else empty. Where the map grows, frames stay as
+    they are.
+    """
+
+    def __init__(self, reference_map: ReferenceMap, encoding: EncodingConfig, grows: bool) -> None:
+        cameras = [session.camera for session in reference_map.sessions if session.camera]
+        self._fields = {camera: field_of_view(camera) for camera in cameras}
+        self._own, self._grows, self._side = encoding, grows, cell_shape(encoding.image_size_px)[0]
+        self._seen: Camera | None = None
+        self._view: View | None = None
+        self.encoding: EncodingConfig | None = encoding
+        self.problem = ''
+
+    def brought(self, frame: Frame) -> Frame:
+        """Return an upright frame in the view of the map, with the camera that it has there."""
+        if frame.camera is None or frame.gray is None:
+            return frame
+        if frame.camera != self._seen:
+            self._seen = frame.camera
+            self._compare(frame.camera)
+        if (view := self._view) is None:
+            return frame
+        size = view.given.width_px, view.given.height_px
+        gray = cv2.resize(frame.gray, size, interpolation=cv2.INTER_AREA)
+        # Repeated edges have the brightness of the image, and no corners.
+        shown = cv2.remap(gray, view.at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return replace(frame, gray=shown, camera=view.camera)
+
+    def _compare(self, camera: Camera) -> None:
+        """Find out how a camera sees the view of the most similar lens of the map."""
+        self._view, self.encoding, self.problem = None, self._own, ''
+        own = field_of_view(camera)
+        ratios = {
+            lens: abs(math.log(field / own))
+            for lens, field in self._fields.items()
+            if field > 0 and own > 0
+        }
+        if not ratios or min(ratios.values()) <= math.log(VIEW.alike):
+            return
+        lens = min(ratios, key=ratios.__getitem__)
+        degrees = math.degrees(own), math.degrees(self._fields[lens])
+        differ = 'the camera sees {:.0f} degrees across, that of the map {:.0f}'.format(*degrees)
+        if self._grows:
+            self.problem = f'{differ}: its places are missed or mistaken; begin another map'
+            return
+        view, visible = _made(camera, lens, self._own, self._side)
+        share = visible.mean() / visible_cells(self._own.image_mask, self._side).mean()
+        if share < VIEW.least:
+            self.encoding = None
+            self.problem = f'{differ}: too little of its view to recognise a place; map with it'
+            return
+        self._view, self.encoding = view, view.encoding
+        self.problem = f'{differ}: images are brought to its view, and fill {share:.0%} of it'
+
+
+def field_of_view(camera: Camera) -> float:
+    """Return the horizontal field of view, radians; NaN if it is unknown or beyond 160 degrees."""
+    if not is_usable(camera):
+        return math.nan
+    left, right = rays_through(camera, np.array([(0.0, 0.5), (1.0, 0.5)]))[:, 0].tolist()
+    return math.atan(right) - math.atan(left)
+
+
+def _made(camera: Camera, lens: Camera, encoding: EncodingConfig, side: int) -> tuple[View, Flags]:
+    """Return the view of a map's lens for a camera's images, and its visible cells (S, S)."""
+    # Pixels keep their size, so that nothing is lost, unless there are too many of them.
+    finer = camera.fx_px / lens.fx_px
+    fewer = min(1.0, VIEW.longest_px / (finer * max(lens.width_px, lens.height_px)))
+    given = _scaled(camera, fewer)
+    there = replace(_scaled(lens, finer * fewer), mount=camera.mount)
+    size = there.width_px, there.height_px
+    grid = np.indices(size[::-1]).reshape(2, -1).T[:, ::-1]
+    rays = rays_through(there, (grid + 0.5) / size)
+    at = pixels(given, rays)
+    shares = (at + 0.5) / (given.width_px, given.height_px)
+    # Beyond the field of a lens its distortion may fold back.
+    off = abs(rays_through(given, shares) - rays) / VIEW.error
+    seen: Flags = np.all(np.maximum(off, abs(2 * shares - 1)) <= 1, axis=1).reshape(size[::-1])
+    visible = _cells(seen, side) & visible_cells(encoding.image_mask, side)
+    mask = '' if visible.all() else f'#{np.packbits(visible).tobytes().hex()}'
+    places = np.nan_to_num(at, nan=-1.0).reshape(*size[::-1], 2).astype(np.float32)
+    return View(there, given, places, replace(encoding, image_mask=mask)), visible
+
+
+def _scaled(camera: Camera, scale: float) -> Camera:
+    """Return a camera for images that are enlarged."""
+    width, height = (max(1, round(scale * side)) for side in (camera.width_px, camera.height_px))
+    across, down = width / camera.width_px, height / camera.height_px
+    return replace(
+        camera,
+        width_px=width,
+        height_px=height,
+        fx_px=across * camera.fx_px,
+        fy_px=down * camera.fy_px,
+        # The middle of the first pixel is at 0.
+        cx_px=across * (camera.cx_px + 0.5) - 0.5,
+        cy_px=down * (camera.cy_px + 0.5) - 0.5,
+    )
+
+
+def _cells(seen: Flags, side: int) -> Flags:
+    """Return which cells (S, S) an image shows entirely, by its pixels (H, W)."""
+    square = cv2.resize(
+        seen.astype(np.uint8), (side * HOG.cell_px,) * 2, interpolation=cv2.INTER_NEAREST
+    )
+    whole = cv2.erode(square, np.ones((2 * HOG.margin_px + 1,) * 2, np.uint8), borderValue=1)
+    cells: Flags = whole.reshape(side, HOG.cell_px, side, -1).all(axis=(1, 3))
+    return cells
