@@ -80,7 +80,7 @@ class _Robot:
             old: self.node.create_publisher(kind, new, deep)
             for old, (new, kind) in _TOPICS.items()
         }
-        self.told = dict[str, str]()  # diagnostics of the graph
+        self.told: dict[str, dict[str, str]] = {GRAPH: {}, WITNESS: {}}  # diagnostics
         self._odometry = dict[int, Matrix]()  # by stamp
         self.corrections: dict[str, dict[int, Matrix]] = {GRAPH: {}, WITNESS: {}}  # by stamp
         listen = self.node.create_subscription
@@ -145,8 +145,9 @@ class _Robot:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if GRAPH in status.name:
-                self.told = {pair.key: pair.value for pair in status.values}
+            name = status.name.partition(':')[0]
+            if name in self.told:
+                self.told[name] = {pair.key: pair.value for pair in status.values}
 
 
 @contextmanager
@@ -203,6 +204,6 @@ def _drive(
             allowed_m = _JUMP_M if mode == 'online' else _FOUND_M
             problem = f'{middle_m:.2f} m apart' if middle_m > allowed_m else ''
             yield Try(f'{mode}, {name} at {number} of {len(sent)}: {middle_m:.3f} m', problem)
-        count, refused = (robot.told.get(name, '?') for name in ('kept', 'refused'))
-        problem = f'{refused} closures are refused' if refused != '0' else ''
-        yield Try(f'{mode}: {count} closures', problem)
+        refused, others = (int(robot.told[name].get('refused', 99)) for name in (GRAPH, WITNESS))
+        problem = f'{refused} closures are refused for {others}' if refused > others else ''
+        yield Try(f'{mode}: {robot.told[GRAPH].get("kept")} closures', problem)
