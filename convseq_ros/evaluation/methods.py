@@ -139,6 +139,7 @@ class Kind:
     options: tuple[str, ...] = ()  # options of the method
     files: tuple[str, ...] = ()  # options that it needs
     takes_length: bool = True  # whether another k makes sense
+    instead: str = ''  # what to give, if it does not
     recognizer: bool = False  # whether the online recogniser decides
     after: After | None = None  # as in `recognize`
     needs: tuple[str, str] = ('', '')  # a module, and the package that pip installs for it
@@ -180,8 +181,10 @@ def make_method(name: MethodName, config: Config) -> Method:
     for needed in kind.files:
         if needed not in name.options:
             raise ConfigError(f'method {name.label}: add {needed}=FILE')
-    if not kind.takes_length and name.length not in (None, kind.length):
-        raise ConfigError(f'method {name.label}: {name.kind} takes no k; leave it out')
+    length = name.number(int, 'ds', seqslam.LENGTH, 1) if 'ds' in kind.options else kind.length
+    if not kind.takes_length and name.length not in (None, length):
+        remedy = kind.instead or 'leave it out'
+        raise ConfigError(f'method {name.label}: {name.kind} takes no k; {remedy}')
     # The set says whether the map grows.
     core = {item.name: item for item in core_parameters() if item.name != 'mode'}
     own = (*kind.files, *kind.options)
@@ -192,11 +195,7 @@ def make_method(name: MethodName, config: Config) -> Method:
         for option, text in name.options.items()
         if option not in own
     }
-    length = kind.length if name.length is None else name.length
-    if 'ds' in name.options:
-        if name.length is not None:
-            raise ConfigError(f'method {name.label}: give ds, or k for our sequences, not both')
-        length = name.number(int, 'ds', seqslam.LENGTH, 1)
+    length = length if name.length is None else name.length
     if length is not None:
         values.setdefault('fixed_length', length)
     chosen = overridden(config, {**kind.settings, **values})
@@ -213,12 +212,12 @@ def _core(material: Material, name: MethodName, config: Config) -> PairScores:
     return method.measured(material, recognize(material, exhaustive, after=method.kind.after))
 
 
-def _seqslam(material: Material, name: MethodName, _: Config) -> PairScores:
+def _seqslam(material: Material, _name: MethodName, _config: Config) -> PairScores:
     query, reference, encode_ms = _descriptors(material, seqslam.patch_normalized)
     started = time.perf_counter()
     scores = seqslam.enhanced(seqslam.differences(query, reference))
     row_ms = (time.perf_counter() - started) * 1e3 / len(query)
-    scorer = seqslam.trajectory_scores if name.length is None else None
+    scorer = seqslam.trajectory_scores
     return PairScores(scores, encode_ms, row_ms, scorer, place_bytes=reference[0].nbytes)
 
 
@@ -311,8 +310,10 @@ KINDS: Mapping[str, Kind] = {
     'single': _single(after=alone),
     'verified': _single(after=verified),
     'paper': Kind(_core, None, PAPER, recognizer=True),
-    'cohog': Kind(_core, 1, PAPER, recognizer=True),
-    'seqslam': _baseline(_seqslam, seqslam.LENGTH, options=('ds',)),
+    'cohog': Kind(_core, 1, PAPER, takes_length=False, recognizer=True, instead='paper does'),
+    'seqslam': _baseline(
+        _seqslam, seqslam.LENGTH, options=('ds',), takes_length=False, instead='give ds, its own'
+    ),
     'hog': _baseline(_hog, needs=('skimage', 'scikit-image')),
     'orb-bow': _peer_of(_peer, options=peers.OPTIONS + peers.TREE_OPTIONS),
     'sift-vlad': _peer_of(_peer, options=peers.OPTIONS),
