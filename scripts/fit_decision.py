@@ -348,7 +348,7 @@ def main() -> None:
         __doc__, data=None, real=None, drawn=False, change=[''], curve=[''], processes=2
     )
     makers: Sequence[Make] = [
-        *(in_other_light(chosen.real) if chosen.real else ()),
+        *(in_other_light(chosen.real).values() if chosen.real else ()),
         *(real(chosen.data, {}) if chosen.data else ()),
         *(drawn_ones({}) if chosen.drawn else ()),
     ]

@@ -1,157 +1,251 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print the tables of docs/RESULTS.md: the recall of this package and of common methods.
+Print the tables of README and docs/RESULTS.md: ours and common methods, on real places.
 
-Usage: python scripts/peers.py --data FOLDER [--sets corridor laps] [--methods convseq orb-bow],
-more than an hour on one core. It needs scikit-image and pyhbst. DATA in a method stands for the
-folder, WORDS for folders with images of all sets but the one measured.
+Usage: python scripts/peers.py --data FOLDER [--real FOLDER] [--kept FOLDER] [--places corridor
+laps] [--methods ours HBST], more than an hour on one core. It needs scikit-image and pyhbst.
+--real has the drives of real_drives.py; places whose images are not there are left out. What was
+measured is kept in --kept, and not measured again: delete it when the code changes.
 
-The protocol is open: half of the map is removed in turn. Recall is the share of right matches
-among the frames whose place is in the map. *Own* is the method's own decision, with its false
-matches. *Best* is at the lowest threshold without a false match on this set, by the criterion (and
-alpha and k) with the highest recall; this favours every method. The last table uses one
-threshold without false matches on all sets. ms are CPU time per frame. In laps the map is the
-first lap; a match within 40 of 840 places is right, and up to 100 is not counted.
+All frames whose place is in the map count; half of the map is removed in turn (*open*). RIGHT says
+up to where a match is right, and up to where it is a *slip*, which does not count; all others are
+false. *Own* is the method's own decision, with its false matches. *Best* is at the lowest
+threshold without a false match on this place, by the criterion (and alpha and k) with the highest
+recall; this favours every method. *One threshold* is the same for all places. ms are CPU time per
+frame. With --steps, the steps from CoHOG to ours, open and closed, take their place.
 """
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
+import pickle
+import re
 import tempfile
 import time
 
 from convseq_ros.baselines.loop_detector import Detection
-from convseq_ros.cli.options import progress
 from convseq_ros.config import Config, make_config
+from convseq_ros.core.types import Frame
 from convseq_ros.evaluation.data_set import DataSet, open_data_set, Part, TruthSource
+from convseq_ros.evaluation.given_scores import PairScores
+from convseq_ros.evaluation.images import Images
 from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.methods import make_method, parse_method
-from convseq_ros.evaluation.protocols import ONLINE, OPEN, Outcome, run_protocol
-from convseq_ros.evaluation.scorecard import first_closures, judge, Verdicts
+from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, Outcome, run_protocol
+from convseq_ros.evaluation.query_answers import QueryAnswers, Scores
+from convseq_ros.evaluation.scorecard import judge, Verdicts
 from convseq_ros.evaluation.truth import Truth
-from convseq_ros.sources.folder import pictures_in
-from drives import head, row
-import laps
+from drives import head, progress, row
+from fit_decision import of, set_to
+from known_drives import Drive, Make, of_laps, Shown
 import numpy as np
 import numpy.typing as npt
-from other_sets import OtherSets
+import real_drives
+from real_drives import in_other_light, of_park
 
-SETS = (
-    'gardens_point_day_day',
-    'street_night',
-    'street_noise',
-    'street_lane',
-    'corridor',
-    'rtabmap84',
-    'laps',
-)
-NAMES = {
-    'convseq': '**ours**',
-    'orb-bow': 'orb-bow',
-    'orb-bow vocabulary=DATA/road_1/images': 'orb-bow, words of another set',  # a street in no set
-    'orb-bow vocabulary=WORDS levels=6 direct=4': (
-        'orb-bow, 10^5 words of all other sets, direct index'
-    ),
-    'sift-vlad': 'sift-vlad',
-    'sift-vlad rows=0': 'sift-vlad, images as they are',
-    'hbst': 'hbst',
-    'seqslam': 'SeqSLAM',
-    'cohog': 'CoHOG',
-    'hog': 'HOG',
+READY_MADE = {  # with when a match is right, and up to when it does not count
+    'corridor': ('corridor', '2, 5 of 111'),
+    'Gardens Point': ('gardens_point_day_day', '2, 5 of 200'),
+    'RTAB-Map': ('rtabmap84', '2, 5 of 84'),
 }
-TABLES = (
-    'best, %',
-    'own, % (false)',
-    'frames to the first right match, at best',
-    'ms a frame',
-    'kB a place',
-)
+DRAWN = {
+    'drawn night': ('street_night', '2, 5 of 240'),
+    'drawn noise': ('street_noise', '2, 5 of 240'),
+    'drawn other lane': ('street_lane', '2, 5 of 240'),
+}
+IN_OTHER_LIGHT = {
+    'courtyard evening': ('court evening', '25, 50 of 284'),
+    'courtyard noon': ('court noon', '25, 50 of 284'),
+    'office': ('office week', '20, 60 of 462'),
+    'house': ('house one lap', '8, 20 of 176'),
+    'park': ('park', '2, 6 of 101'),
+    'room': ('room, hand-held', '8, 2 points'),
+}
+RIGHT = {  # by place: up to where a match is right, and up to where it does not count
+    **{place: rule for place, (_, rule) in READY_MADE.items()},
+    'laps': '40, 100 of 840',
+    **{place: rule for place, (_, rule) in IN_OTHER_LIGHT.items()},
+    **{place: rule for place, (_, rule) in DRAWN.items()},
+}
+PLACES = [place for place in RIGHT if place not in DRAWN]
+ORIGINAL = 'sift-vlad rows=0'  # images as they are: SIFT finds more in some of them
+LARGE = 'Gardens Point', 'house', 'room'  # ... but these are not enlarged
+LENGTHS = 1, 10, 20, 40  # frames of a sequence
+METHODS: Mapping[str, Sequence[str]] = {  # with their variants
+    'ours': ('convseq',),
+    "the paper's": ('paper',),
+    'ORB, bag of words': ('orb-bow',),
+    'SIFT, VLAD': ('sift-vlad', ORIGINAL),
+    'HBST': ('hbst',),
+    'SeqSLAM': tuple(f'seqslam ds={length}' for length in LENGTHS),
+    'CoHOG': tuple(f'diagonal {length} cohog' for length in LENGTHS),
+    'HOG': tuple(f'diagonal {length} hog' for length in LENGTHS),
+}
+DECIDING = 'ours', 'ORB, bag of words', 'SIFT, VLAD', 'HBST'  # others accept each best answer
+STEPS = {
+    'CoHOG': 'diagonal 1 cohog',
+    'our pair score': 'diagonal 1 single',
+    'verified': 'verified',
+    'diagonal of 10': 'diagonal 10 single',
+    'of 20': 'diagonal 20 single',
+    'of 40': 'diagonal 40 single',
+    'filter': 'convseq keypoints=0',
+    '+ keypoints': 'convseq COVISIBLE.by_chance=1e9',
+    '+ covisibility': 'convseq',
+}
 ALPHAS = 0.3, 0.1, 0.2, 0.5  # DLoopDetector's own first
 CONSISTENT = 3, 1  # its own number of frames that agree, and that of its demo
+Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """The results of a variant of a method on a set."""
+    """The results of a variant of a method on a place."""
 
+    text: str
     verdicts: Verdicts
-    halves: Sequence[str]
     frame_ms: float
     place_bytes: float
 
-    def false(self, accepted: npt.NDArray[np.bool_]) -> int:
-        """Return the number of false answers among the accepted ones."""
-        return int((accepted & self._wrong).sum())
+    def false(self, strict: bool = False) -> Flags:
+        """Return which answers are false; strictly, slips are as well."""
+        return ~self.verdicts.correct & (strict | ~self.verdicts.slip)
 
-    def threshold(self, criterion: str) -> float:
+    def threshold(self, criterion: str, strict: bool = False) -> float:
         """Return the highest value of a false answer."""
-        wrong = self.verdicts.matched & self._wrong
+        wrong = self.verdicts.matched & self.false(strict)
         return float(self.verdicts.sure(criterion)[wrong].max(initial=-np.inf))
 
-    @property
-    def _wrong(self) -> npt.NDArray[np.bool_]:
-        return ~self.verdicts.correct & ~self.verdicts.slip
-
-    def recall(self, accepted: npt.NDArray[np.bool_]) -> float:
+    def recall(self, accepted: Flags) -> float:
         """Return the share of known frames with a right accepted answer."""
         return float((accepted & self.verdicts.correct).sum() / self.verdicts.known.sum())
 
-    def first(self, accepted: npt.NDArray[np.bool_]) -> str:
-        """Return the number of frames to the first right match, per half, as text."""
-        delays = first_closures(replace(self.verdicts, accepted=accepted), self.halves).values()
-        if all(delay is None for delay in delays):
-            return 'none'
-        return ', '.join('none' if delay is None else f'{delay:.0f}' for delay in delays)
+    def best(self, strict: bool = False) -> float:
+        """Return the recall at the best threshold without a false answer."""
+        found = self.verdicts
+        thresholds = {name: self.threshold(name, strict) for name in self.criteria}
+        return max(self.recall(found.above(*threshold)) for threshold in thresholds.items())
+
+    @property
+    def criteria(self) -> list[str]:
+        """The criteria for which it has values."""
+        values = self.verdicts.values
+        return [name for name, found in values.items() if not np.isnan(found).all()]
 
 
-@contextmanager
-def laps_material(data: Path, config: Config) -> Iterator[Material]:
-    """Yield the first lap as map and the later laps as query; unknown places are neutral."""
-    truth = laps.read_truth(data / 'laps' / 'ground_truth.csv')
-    with tempfile.TemporaryDirectory() as root:
-        parts, places = [], []
-        for name, first, last in (('rest', laps.FIRST_LAP + 1, 10**6), ('lap', 0, laps.FIRST_LAP)):
-            folder = Path(root, name)
-            folder.mkdir()
-            all_pictures = pictures_in(data / 'laps' / 'drive')
-            files = [path for path in all_pictures if first <= int(path.stem) <= last]
-            for path in files:
-                (folder / path.name).symlink_to(path.resolve())
-            parts.append(Part(folder))
-            places.append(np.array([laps.place(truth, int(item.stem)) for item in files], float))
-        data_set = DataSet('laps', parts[0], TruthSource('none'), parts[1])
-        material = open_material(data_set, config.encoding)
-        query, reference = places
-        off = np.abs((query[:, None] - reference + laps.LAP / 2) % laps.LAP - laps.LAP / 2)
-        yield replace(material, truth=_Laps(off <= laps.RIGHT, near=~(off > laps.WRONG)))
+@dataclass(frozen=True, eq=False)
+class Held(Images):
+    """Images of a drive, in memory."""
+
+    frames: Sequence[Frame] = ()
+
+    def __iter__(self) -> Iterator[Frame]:
+        return iter(self.frames)
 
 
 @dataclass(frozen=True, slots=True)
-class _Laps(Truth):
-    near: npt.NDArray[np.bool_] = field(kw_only=True)  # (Q, R), not clearly wrong
+class Known(Truth):
+    """The truth by places along a lap: between right and false, an answer does not count."""
+
+    near: Flags = field(kw_only=True)  # (Q, R), not clearly false
 
     @property
-    def slip(self) -> npt.NDArray[np.bool_]:
-        """Flags of the pairs that are neither right nor wrong."""
+    def slip(self) -> Flags:
         return np.asarray(self.near & ~self.right)
 
 
-def runs(material: Material, text: str, config: Config) -> list[Run]:
-    """
-    Return the runs of a method.
+def material_of(drive: Drive) -> Material:
+    """Return a drive in a map, without its configuration."""
 
-    A peer has one per alpha and number of frames that agree; hbst has one that geometry decides,
-    and one that its scores decide.
+    def held(shown: Shown, what: str) -> Held:
+        return Held(Part(Path(f'{drive.name}, {what}')), frames=[frame for frame, _ in shown])
+
+    query, mapped = held(drive.queries, 'query'), held(drive.mapped, 'map')
+    places = np.array([place for _, place in drive.mapped])
+    off = np.array([drive.off(here, places) for _, here in drive.queries])
+    truth = Known(off <= drive.right, near=~(off > drive.wrong))
+    name = re.sub(r'\W+', '-', drive.name)
+    data_set = DataSet(name, query.part, TruthSource('none'), mapped.part)
+    return Material(data_set, query, mapped, truth)
+
+
+def opener(
+    place: str, data: Path, real: Path | None, config: Config
+) -> Callable[[], Material] | None:
+    """Return what opens a place's images and truth; None if the images are not there."""
+    if ready_made := (READY_MADE | DRAWN).get(place):
+        data_set = open_data_set(ready_made[0], data)
+        is_there = data_set.query.simulated or data_set.query.path.exists()
+        return partial(open_material, data_set, config.encoding) if is_there else None
+    folder = data / 'laps' if place == 'laps' else real
+    if folder is None or not folder.exists():
+        return None
+    makes: dict[str, Make] = {
+        'laps': partial(of_laps, folder, {}, 'first'),
+        'park': partial(of_park, folder, 'park', real_drives.Part('0'), '1'),
+        **in_other_light(folder),
+    }
+    make = makes[IN_OTHER_LIGHT[place][0] if place in IN_OTHER_LIGHT else place]
+    return lambda: material_of(make())
+
+
+class Measured:
+    """What was measured of a place, by protocol and variant; none is measured twice."""
+
+    def __init__(self, place: str, folder: Path, open_place: Callable[[], Material]) -> None:
+        self._place, self._folder, self._open = place, folder, open_place
+        self._material: Material | None = None
+
+    @property
+    def material(self) -> Material:
+        """The images; they are read when they are first asked for."""
+        self._material = self._material or self._open()
+        return self._material
+
+    def runs(self, text: str, config: Config, protocol: str) -> list[Run]:
+        """Return the runs of a variant."""
+        return self._of(text, config, protocol)[0]
+
+    def _of(self, text: str, config: Config, protocol: str) -> tuple[list[Run], Scores]:
+        if self._place in LARGE and text == ORIGINAL:
+            text = 'sift-vlad'
+        stem = re.sub(r'[^\w.=-]+', '_', f'{self._place} {protocol} {text}')
+        path = self._folder / f'{stem}.pickle'
+        if not path.exists():
+            progress(f'{self._place}, {protocol}: {text}')
+            how = config, ONLINE if self.material.data_set.online else protocol
+            if text.startswith('diagonal'):
+                _, length, of_what = text.split(maxsplit=2)
+                (base,), scores = self._of(of_what, config, CLOSED)
+                found = [diagonal(self.material, text, base, scores, int(length), *how)], scores
+            else:
+                found = runs(self.material, text, *how)
+            path.write_bytes(pickle.dumps(found))
+        kept: tuple[list[Run], Scores] = pickle.loads(path.read_bytes())
+        return kept
+
+
+def runs(material: Material, text: str, config: Config, protocol: str) -> tuple[list[Run], Scores]:
     """
-    method = make_method(parse_method(text), config)
-    protocol = ONLINE if material.data_set.online else OPEN
-    if 'rows' not in method.kind.options:
-        return [_run(run_protocol(material, method, protocol))]
+    Return the runs of a variant, and its pair scores (Q, R).
+
+    DLoopDetector has one per alpha and number of frames that agree; hbst has one that geometry
+    decides, and one that its scores decide.
+    """
+    with changed(text) as rest:
+        method = make_method(parse_method(rest), config)
+        if method.kind.recognizer and protocol == OPEN:  # its scores of all pairs are not needed
+            none = np.full(material.truth.right.shape, np.nan, np.float32)
+            costs = method.measured(material, QueryAnswers([], [0.0], none))
+            method = replace(method, kind=replace(method.kind, rows=lambda *_: costs))
+        if 'rows' not in method.kind.options:
+            outcome = run_protocol(material, method, protocol)
+            return [_run(text, outcome)], outcome.pairs.scores
     pairs, variants = method.rows(material), []
     decisions: list[Callable[..., list[Detection]] | None] = [pairs.detect, None]
     if 'alpha' in method.kind.options:
@@ -161,105 +255,141 @@ def runs(material: Material, text: str, config: Config) -> list[Run]:
             for alpha, frames in product(ALPHAS, CONSISTENT)
         ]
     for decision in decisions:
-        changed = replace(pairs, detect=decision)
-        kind = replace(method.kind, rows=lambda *_, changed=changed: changed)
-        variants.append(_run(run_protocol(material, replace(method, kind=kind), protocol)))
-    return variants
+        other = replace(pairs, detect=decision)
+        kind = replace(method.kind, rows=lambda *_, other=other: other)
+        outcome = run_protocol(material, replace(method, kind=kind), protocol)
+        variants.append(_run(text, outcome))
+    return variants, pairs.scores
 
 
-def _run(outcome: Outcome) -> Run:
+def diagonal(
+    material: Material,
+    text: str,
+    base: Run,
+    scores: Scores,
+    length: int,
+    config: Config,
+    protocol: str,
+) -> Run:
+    """Return the run of plain diagonals of so many frames of the pair scores (Q, R) of another."""
+    method = make_method(parse_method(f'hog k={length}'), config)
+    kind = replace(method.kind, rows=lambda *_: PairScores(scores))
+    run = _run(text, run_protocol(material, replace(method, kind=kind), protocol))
+    return replace(run, frame_ms=base.frame_ms, place_bytes=base.place_bytes)
+
+
+def _run(text: str, outcome: Outcome) -> Run:
     pairs = outcome.pairs
     frame_ms = outcome.frame_ms or (pairs.encode_ms or 0.0) + (pairs.row_ms or 0.0)
-    return Run(judge(outcome), outcome.halves, frame_ms, pairs.place_bytes or 0.0)
-
-
-def criteria(run: Run) -> list[str]:
-    """Return the criteria for which a run has values."""
-    return [name for name, values in run.verdicts.values.items() if not np.isnan(values).all()]
-
-
-def main() -> None:
-    """Measure, and print a table of methods and sets for each figure."""
-    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
-    parser.add_argument('--data', type=Path, required=True)
-    parser.add_argument('--sets', nargs='*', default=SETS)
-    parser.add_argument('--methods', nargs='*', default=[*NAMES])
-    chosen = parser.parse_args()
-    time.perf_counter = time.process_time  # so that other load does not count
-    config = make_config({'threads': 1})
-    results: dict[str, list[list[Run]]] = {text: [] for text in chosen.methods}
-    tables: dict[str, dict[str, list[str]]] = {
-        title: {text: [] for text in chosen.methods} for title in TABLES
-    }
-    words = OtherSets(chosen.data, SETS)
-    for name in chosen.sets:
-        with _opened(name, chosen.data, config) as material:
-            for text in progress(chosen.methods, len(chosen.methods), name, 'methods'):
-                asked = text.replace('DATA', str(chosen.data))
-                if 'WORDS' in asked:
-                    asked = asked.replace('WORDS', ','.join(map(str, words.folders(name))))
-                variants = runs(material, asked, config)
-                results[text].append(variants)
-                for title, cell in zip(TABLES, _cells(variants), strict=True):
-                    tables[title][text].append(cell)
-    for title, cells in tables.items():
-        _table(title, chosen.sets, cells)
-    one = {text: max(_for_all(by_set), key=sum) for text, by_set in results.items()}
-    _table(
-        'one threshold for all sets, best %',
-        chosen.sets,
-        {text: [*map(_percent, shares)] for text, shares in one.items()},
-    )
-
-
-def _cells(variants: Sequence[Run]) -> tuple[str, ...]:
-    """Return what TABLES tell of a method on a set; its own decision is of the first variant."""
-    share, first = max(_options(variants))
-    ms, kept_kb = variants[0].frame_ms, variants[0].place_bytes / 1e3
-    return (
-        _percent(share),
-        _own(variants[0]),
-        first,
-        f'{ms:.0f}' if ms >= 0.5 else '< 1',
-        f'{kept_kb:.1f}',
-    )
-
-
-def _table(title: str, sets: Sequence[str], rows: Mapping[str, Sequence[str]]) -> None:
-    head(title, *sets)
-    for text, cells in rows.items():
-        row(NAMES.get(text, text), *cells)
-    print()
+    return Run(text, judge(outcome), frame_ms, pairs.place_bytes or 0.0)
 
 
 @contextmanager
-def _opened(name: str, data: Path, config: Config) -> Iterator[Material]:
-    if name == 'laps':
-        with laps_material(data, config) as material:
-            yield material
-    else:
-        yield open_material(open_data_set(name, data), config.encoding)
+def changed(text: str) -> Iterator[str]:
+    """Change the constants that a text names as RECORD.name=VALUE; yield the rest of it."""
+    words = text.split()
+    values = dict(word.split('=') for word in words if re.match(r'[A-Z]+\.', word))
+    before = {name: of(name) for name in values}
+    try:
+        for name, value in values.items():
+            set_to(name, float(value))
+        yield ' '.join(word for word in words if word.partition('=')[0] not in values)
+    finally:
+        for name, value in before.items():
+            set_to(name, value)
 
 
-def _options(variants: Sequence[Run]) -> Iterator[tuple[float, str]]:
-    """Yield recall, and frames to the first right match, at each criterion's best threshold."""
-    for run in variants:
-        for criterion in criteria(run):
-            accepted = run.verdicts.above(criterion, run.threshold(criterion))
-            yield run.recall(accepted), run.first(accepted)
+def main() -> None:
+    """Measure, and print a table of places and methods for each figure."""
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
+    parser.add_argument('--data', type=Path, required=True)
+    parser.add_argument('--real', type=Path)
+    parser.add_argument('--kept', type=Path, default=Path(tempfile.mkdtemp()))
+    parser.add_argument('--places', nargs='*', default=PLACES, choices=RIGHT)
+    parser.add_argument('--methods', nargs='*', default=[*METHODS], choices=METHODS)
+    parser.add_argument('--steps', action='store_true')
+    chosen = parser.parse_args()
+    time.perf_counter = time.process_time  # so that other load does not count
+    config = make_config({'threads': 1})
+    chosen.kept.mkdir(parents=True, exist_ok=True)
+    results: dict[str, dict[str, list[Run]]] = {}
+    closed: dict[str, dict[str, list[Run]]] = {}
+    for place in chosen.places:
+        opening = opener(place, chosen.data, chosen.real, config)
+        if opening is None:
+            progress(f'{place}: its images are not there')
+            continue
+        measured = Measured(place, chosen.kept, opening)
+        if chosen.steps:
+            for protocol, found in ((OPEN, results), (CLOSED, closed)):
+                found[place] = {
+                    step: measured.runs(text, config, protocol) for step, text in STEPS.items()
+                }
+        else:
+            results[place] = {
+                method: [
+                    one for text in METHODS[method] for one in measured.runs(text, config, OPEN)
+                ]
+                for method in chosen.methods
+            }
+    if chosen.steps:
+        _table('steps, open: best, %', results, STEPS, _best)
+        _table('steps, closed: best, %', closed, STEPS, _best)
+        return
+    deciding = [method for method in chosen.methods if method in DECIDING]
+    _table('own, % (false)', results, deciding, _own)
+    _table('best, %', results, chosen.methods, _best)
+    _table('best, slips are false, %', results, chosen.methods, partial(_best, strict=True))
+    _table('ms a frame', results, chosen.methods, _ms)
+    _table('kB a place', results, chosen.methods, lambda some: f'{some[0].place_bytes / 1e3:.0f}')
+    one = {
+        method: max(_for_all([found[method] for found in results.values()]), key=sum)
+        for method in chosen.methods
+    }
+    head('one threshold for all places, best %', *chosen.methods)
+    for number, place in enumerate(results):
+        row(place, *(_percent(one[method][number]) for method in chosen.methods))
 
 
-def _for_all(by_set: Sequence[Sequence[Run]]) -> Iterator[list[float]]:
-    """Yield the recall on each set with one threshold for all, by variant and criterion."""
-    for variant in zip(*by_set, strict=True):
-        for criterion in criteria(variant[0]):
+def _table(
+    title: str,
+    results: Mapping[str, Mapping[str, list[Run]]],
+    columns: Iterable[str],
+    cell: Callable[[list[Run]], str],
+) -> None:
+    """Print a table of places and columns."""
+    head(title, 'right to, slip to', 'known', *columns)
+    for place, by_method in results.items():
+        known = int(next(iter(by_method.values()))[0].verdicts.known.sum())
+        row(place, RIGHT[place], known, *(cell(by_method[name]) for name in columns))
+    print()
+
+
+def _best(variants: Sequence[Run], strict: bool = False) -> str:
+    """Return the best recall, and the number of frames of a sequence that has it."""
+    best = max(variants, key=lambda run: run.best(strict))
+    length = re.search(r'(?:ds=|diagonal )(\d+)', best.text)
+    told = f' ({length[1]})' if length and len(variants) > 1 else ''
+    return _percent(best.best(strict)) + told
+
+
+def _own(variants: Sequence[Run]) -> str:
+    """Return the recall by the method's own decision, that of the first variant."""
+    run = variants[0]
+    false = int((run.verdicts.accepted & run.false()).sum())
+    return _percent(run.recall(run.verdicts.accepted)) + (f' ({false:,})' if false else '')
+
+
+def _ms(variants: Sequence[Run]) -> str:
+    return f'{variants[0].frame_ms:.0f}' if variants[0].frame_ms >= 0.5 else '< 1'
+
+
+def _for_all(by_place: Sequence[Sequence[Run]]) -> Iterator[list[float]]:
+    """Yield the recall on each place with one threshold for all, by variant and criterion."""
+    for variant in zip(*by_place, strict=True):
+        for criterion in variant[0].criteria:
             threshold = max(run.threshold(criterion) for run in variant)
             yield [run.recall(run.verdicts.above(criterion, threshold)) for run in variant]
-
-
-def _own(run: Run) -> str:
-    false = run.false(run.verdicts.accepted)
-    return _percent(run.recall(run.verdicts.accepted)) + (f' ({false:,})' if false else '')
 
 
 def _percent(share: float) -> str:

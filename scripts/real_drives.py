@@ -130,10 +130,9 @@ def of_laps(folder: Path, name: str, of: Set, mapped: Part, driven: Part) -> Dri
     return Drive(name, *frames, CONFIG, of.right, of.wrong, of.lap, of.name)
 
 
-def of_park(folder: Path, name: str, mapped: str, driven: str, first: int) -> Drive:
-    """Return a drive through a park of which half is mapped in another season."""
-    kept = Part(mapped, first, first + 49 if first else 50)
-    images = shown(folder / 'park' / mapped, float, kept)
+def of_park(folder: Path, name: str, kept: Part, driven: str) -> Drive:
+    """Return a drive through a park of which a part is mapped in another season."""
+    images = shown(folder / 'park' / kept.drive, float, kept)
     return Drive(
         name, images, shown(folder / 'park' / driven, float, Part(driven), DAY_NS), CONFIG, 2, 6,
         place='park',
@@ -156,8 +155,8 @@ def of_straight(folder: Path) -> Drive:
     return Drive('straight, online', [], images, with_values(CONFIG, {'mode': 'online'}))
 
 
-def in_other_light(folder: Path) -> list[Make]:
-    """Return the drives; their makers read the images."""
+def in_other_light(folder: Path) -> dict[str, Make]:
+    """Return the drives by name; their makers read the images."""
     court_lap, evening = Part('0513_1442', 3851, 4135), Part('0513_1732', 6367, 7567, 400)
     office_lap = Part('1202', 72, 551)
     laps = (
@@ -177,12 +176,12 @@ def in_other_light(folder: Path) -> list[Make]:
         ('house three laps', HOUSE, Part('a', 212, 754), Part('b', most=400)),
     )  # fmt: skip
     parks = (
-        ('park first', '0', '1', 51), ('park middle', '0', '1', 26), ('park last', '0', '1', 0),
-        ('park back middle', '1', '0', 26),
+        ('park first', Part('0', 51, 100), '1'), ('park middle', Part('0', 26, 75), '1'),
+        ('park last', Part('0', 0, 50), '1'), ('park back middle', Part('1', 26, 75), '0'),
     )  # fmt: skip
-    return [
-        *(partial(of_laps, folder, *of) for of in laps),
-        *(partial(of_park, folder, *of) for of in parks),
-        partial(of_room, folder, 'room, hand-held'),
-        partial(of_straight, folder),
-    ]
+    return {
+        **{of[0]: partial(of_laps, folder, *of) for of in laps},
+        **{of[0]: partial(of_park, folder, *of) for of in parks},
+        'room, hand-held': partial(of_room, folder, 'room, hand-held'),
+        'straight, online': partial(of_straight, folder),
+    }
