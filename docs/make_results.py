@@ -65,7 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ):
         return 1
     before, _, rest = chosen.output.read_text(encoding='utf-8').partition(BEGIN)
-    parts = [before + BEGIN, *_tables(chosen.results), END + rest.partition(END)[2]]
+    drawn = [sets[name].name for name in there if name not in real]
+    parts = [before + BEGIN, *_tables(chosen.results, drawn), END + rest.partition(END)[2]]
     write_text(chosen.output, '\n\n'.join(parts))
     return 0
 
@@ -80,7 +81,7 @@ def _read(folder: Path) -> list[Summary]:
     return read_summaries([folder], ReadingConfig())
 
 
-def _tables(results: Path) -> Iterable[str]:
+def _tables(results: Path, drawn: Sequence[str]) -> Iterable[str]:
     decided = _read(results / 'open')
     first = decided[0]
     versions = ', '.join(f'{name} {version}' for name, version in first['versions'].items())
@@ -93,7 +94,14 @@ def _tables(results: Path) -> Iterable[str]:
     shown = [run for run in decided if run['known']]
     yield _table(
         ('set', 'known', 'right', 'slips', 'false', 'first right match after'),
-        ([run['set'], *_counts([run]), _first(run)] for run in shown),
+        (
+            [
+                'drawn: ' * run['set'].startswith(tuple(drawn)) + run['set'],
+                *_counts([run]),
+                _first(run),
+            ]
+            for run in shown
+        ),
     )
     alone = [run for run in decided if not run['known']]
     if alone:

@@ -45,6 +45,7 @@ from fit_decision import of, set_to
 from known_drives import Drive, Make, of_laps, Shown
 import numpy as np
 import numpy.typing as npt
+from other_sets import OtherSets
 import real_drives
 from real_drives import in_other_light, of_park
 
@@ -75,25 +76,26 @@ RIGHT = {  # by place: up to where a match is right, and up to where it does not
 PLACES = [place for place in RIGHT if place not in DRAWN]
 ORIGINAL = 'sift-vlad rows=0'  # images as they are: SIFT finds more in some of them
 LARGE = 'Gardens Point', 'house', 'room'  # ... but these are not enlarged
+WORDS = 'ORB, 10^5 words of all other sets'  # is measured if it is named: an hour
 LENGTHS = 1, 10, 20, 40  # frames of a sequence
 METHODS: Mapping[str, Sequence[str]] = {  # with their variants
     'ours': ('convseq',),
-    "the paper's": ('paper',),
-    'ORB, bag of words': ('orb-bow',),
-    'SIFT, VLAD': ('sift-vlad', ORIGINAL),
+    'paper': ('paper',),
+    'ORB': ('orb-bow',),
+    'SIFT': ('sift-vlad', ORIGINAL),
     'HBST': ('hbst',),
     'SeqSLAM': tuple(f'seqslam ds={length}' for length in LENGTHS),
     'CoHOG': tuple(f'diagonal {length} cohog' for length in LENGTHS),
     'HOG': tuple(f'diagonal {length} hog' for length in LENGTHS),
+    WORDS: ('orb-bow vocabulary=WORDS levels=6 direct=4',),
 }
-DECIDING = 'ours', 'ORB, bag of words', 'SIFT, VLAD', 'HBST'  # others accept each best answer
+DECIDING = ('ours', 'ORB', WORDS, 'SIFT', 'HBST')  # others accept each best answer
 STEPS = {
     'CoHOG': 'diagonal 1 cohog',
     'our pair score': 'diagonal 1 single',
     'verified': 'verified',
     'diagonal of 10': 'diagonal 10 single',
     'of 20': 'diagonal 20 single',
-    'of 40': 'diagonal 40 single',
     'filter': 'convseq keypoints=0',
     '+ keypoints': 'convseq COVISIBLE.by_chance=1e9',
     '+ covisibility': 'convseq',
@@ -197,8 +199,11 @@ def opener(
 class Measured:
     """What was measured of a place, by protocol and variant; none is measured twice."""
 
-    def __init__(self, place: str, folder: Path, open_place: Callable[[], Material]) -> None:
+    def __init__(
+        self, place: str, folder: Path, open_place: Callable[[], Material], others: OtherSets
+    ) -> None:
         self._place, self._folder, self._open = place, folder, open_place
+        self._others = others
         self._material: Material | None = None
 
     @property
@@ -224,20 +229,26 @@ class Measured:
                 (base,), scores = self._of(of_what, config, CLOSED)
                 found = [diagonal(self.material, text, base, scores, int(length), *how)], scores
             else:
-                found = runs(self.material, text, *how)
+                asked = text
+                if 'WORDS' in text:
+                    folders = self._others.folders(self.material.data_set.name.split('-')[0])
+                    asked = text.replace('WORDS', ','.join(map(str, folders)))
+                found = runs(self.material, text, asked, *how)
             path.write_bytes(pickle.dumps(found))
         kept: tuple[list[Run], Scores] = pickle.loads(path.read_bytes())
         return kept
 
 
-def runs(material: Material, text: str, config: Config, protocol: str) -> tuple[list[Run], Scores]:
+def runs(
+    material: Material, text: str, asked: str, config: Config, protocol: str
+) -> tuple[list[Run], Scores]:
     """
-    Return the runs of a variant, and its pair scores (Q, R).
+    Return the runs of a variant, which is asked so, and its pair scores (Q, R).
 
     DLoopDetector has one per alpha and number of frames that agree; hbst has one that geometry
     decides, and one that its scores decide.
     """
-    with changed(text) as rest:
+    with changed(asked) as rest:
         method = make_method(parse_method(rest), config)
         if method.kind.recognizer and protocol == OPEN:  # its scores of all pairs are not needed
             none = np.full(material.truth.right.shape, np.nan, np.float32)
@@ -306,11 +317,12 @@ def main() -> None:
     parser.add_argument('--real', type=Path)
     parser.add_argument('--kept', type=Path, default=Path(tempfile.mkdtemp()))
     parser.add_argument('--places', nargs='*', default=PLACES, choices=RIGHT)
-    parser.add_argument('--methods', nargs='*', default=[*METHODS], choices=METHODS)
+    parser.add_argument('--methods', nargs='*', default=[*METHODS][:-1], choices=METHODS)
     parser.add_argument('--steps', action='store_true')
     chosen = parser.parse_args()
     time.perf_counter = time.process_time  # so that other load does not count
     config = make_config({'threads': 1})
+    others = OtherSets(chosen.data, [name for name, _ in (READY_MADE | DRAWN).values()] + ['laps'])
     chosen.kept.mkdir(parents=True, exist_ok=True)
     results: dict[str, dict[str, list[Run]]] = {}
     closed: dict[str, dict[str, list[Run]]] = {}
@@ -319,7 +331,7 @@ def main() -> None:
         if opening is None:
             progress(f'{place}: its images are not there')
             continue
-        measured = Measured(place, chosen.kept, opening)
+        measured = Measured(place, chosen.kept, opening, others)
         if chosen.steps:
             for protocol, found in ((OPEN, results), (CLOSED, closed)):
                 found[place] = {
@@ -332,6 +344,8 @@ def main() -> None:
                 ]
                 for method in chosen.methods
             }
+    if not results:
+        return
     if chosen.steps:
         _table('steps, open: best, %', results, STEPS, _best)
         _table('steps, closed: best, %', closed, STEPS, _best)
