@@ -2,11 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coarse scores: queries and references by their global descriptors, and along the drive."""
 
+import tracemalloc
+
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import CoarseScores, top
 from convseq_ros.core.retrieval.track import TRACK, Track
+from convseq_ros.core.retrieval.whitening import statistics_of, sums_of, WhitenedReferences
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -156,3 +159,13 @@ def test_sums_are_those_of_the_recursion(count, grown, starts, both, seed):
         track.update(row, own[own < len(row)])
     assert track.sums.dtype == np.float32
     assert track.sums == pytest.approx(brute_force(rows, own, both), abs=1e-4)
+
+
+def test_whitening_takes_5_mb_whatever_the_size_of_the_map():
+    references = np.random.default_rng(0).random((4096, 252)).astype(np.float16)
+    statistics = statistics_of(sums_of(references), len(references))
+    tracemalloc.start()
+    WhitenedReferences(statistics, references, np.zeros(1, np.int64))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 5_000_000

@@ -17,6 +17,7 @@ from convseq_ros.core.types import constants, Descriptor, Doubles, Floats, Halve
 import numpy as np
 
 _AT_ONCE = 4096  # rows that are converted to float32 at once, for 4 MB of memory
+_WHITENED_AT_ONCE = 256  # rows, for 2 MB; answers do not depend on it
 _PADDED = 16  # the length of vectors is padded to a multiple of this
 _products = kernel('products', Array('f2'), SIZE, SIZE, Array('f4'), Array('f4'))  # kernels.c
 
@@ -33,10 +34,10 @@ def products(rows: Halves, direction: Floats) -> Floats:
     return result
 
 
-def widened(rows: Halves) -> Iterator[Floats]:
-    """Yield rows in float32, 4096 at a time: all at once would need too much memory."""
-    for start in range(0, len(rows), _AT_ONCE):
-        yield rows[start : start + _AT_ONCE].astype(np.float32)
+def widened(rows: Halves, at_once: int = _AT_ONCE) -> Iterator[Floats]:
+    """Yield rows in float32, some at a time: all at once would need too much memory."""
+    for start in range(0, len(rows), at_once):
+        yield rows[start : start + at_once].astype(np.float32)
 
 
 @constants
@@ -77,7 +78,8 @@ class WhitenedReferences:
         self._means = np.append(self._means, np.tile(self._map_mean, (new, 1)), axis=0)
         ends = np.append(starts[1:], len(references))
         for session in np.flatnonzero(ends > first):
-            for part in widened(references[max(starts[session], first) : ends[session]]):
+            new_rows = references[max(starts[session], first) : ends[session]]
+            for part in widened(new_rows, _WHITENED_AT_ONCE):
                 away = (part - self._means[session]).astype(np.float64)
                 distances = away**2 @ self._weights
                 differs, zeros = distances > COARSE.least, np.zeros(len(part), np.float32)
