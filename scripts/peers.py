@@ -19,14 +19,15 @@ frame. With --steps, the steps from CoHOG to ours, open and closed, take their p
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from itertools import product
+import json
 from pathlib import Path
-import pickle
 import re
 import tempfile
 import time
+from typing import Any
 
 from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.config import Config, make_config
@@ -220,7 +221,7 @@ class Measured:
         if self._place in LARGE and text == ORIGINAL:
             text = 'sift-vlad'
         stem = re.sub(r'[^\w.=-]+', '_', f'{self._place} {protocol} {text}')
-        path = self._folder / f'{stem}.pickle'
+        path = self._folder / f'{stem}.npz'
         if not path.exists():
             progress(f'{self._place}, {protocol}: {text}')
             how = config, ONLINE if self.material.data_set.online else protocol
@@ -234,9 +235,40 @@ class Measured:
                     folders = self._others.folders(self.material.data_set.name.split('-')[0])
                     asked = text.replace('WORDS', ','.join(map(str, folders)))
                 found = runs(self.material, text, asked, *how)
-            path.write_bytes(pickle.dumps(found))
-        kept: tuple[list[Run], Scores] = pickle.loads(path.read_bytes())
-        return kept
+            keep(path, *found)
+        return kept(path)
+
+
+def keep(path: Path, found: Sequence[Run], scores: Scores) -> None:
+    """Write runs and pair scores to a file."""
+    arrays: dict[str, npt.NDArray[Any]] = {'scores': scores}
+    for number, run in enumerate(found):
+        told = json.dumps([run.text, run.frame_ms, run.place_bytes])
+        arrays[f'{number} run'] = np.frombuffer(told.encode(), np.uint8)
+        flags = {item.name: getattr(run.verdicts, item.name) for item in fields(Verdicts)}
+        values = {f'values {name}': one for name, one in flags.pop('values').items()}
+        arrays |= {f'{number} {name}': one for name, one in (flags | values).items()}
+    np.savez_compressed(path, allow_pickle=False, **arrays)
+
+
+def kept(path: Path) -> tuple[list[Run], Scores]:
+    """Return the runs and pair scores of a file."""
+    with np.load(path, allow_pickle=False) as stored:
+        arrays = dict(stored)
+    scores, found = arrays.pop('scores'), list[Run]()
+    while (told := arrays.pop(f'{len(found)} run', None)) is not None:
+        start = f'{len(found)} '
+        own = {
+            name.removeprefix(start): one for name, one in arrays.items() if name.startswith(start)
+        }
+        values = {
+            name.removeprefix('values '): own.pop(name)
+            for name in [*own]
+            if name.startswith('values ')
+        }
+        text, frame_ms, place_bytes = json.loads(bytes(told))
+        found.append(Run(text, Verdicts(**own, values=values), frame_ms, place_bytes))
+    return found, scores
 
 
 def runs(

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Relative poses as bytes, in memory and in a map's file: a quarter of the size of the objects."""
+"""Relative poses as bytes, in memory and in a map's file: a third of the size of the objects."""
 
 import math
 
