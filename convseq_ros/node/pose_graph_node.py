@@ -162,7 +162,10 @@ class PoseGraphNode(ListeningNode):
             self.get_logger().error(self._problem)
         while heard := self._take_backlog():
             for take, message in heard:
-                take(message)
+                try:
+                    take(message)
+                except Exception as error:  # as the executor does, which goes on with the next one
+                    self.get_logger().error(with_traceback(error))
         self._solving.release()
 
     def _take_backlog(self) -> list[tuple[Callable[[Any], None], Any]]:

@@ -274,5 +274,5 @@ def test_the_order_of_sessions_makes_no_difference(a_map, one, other, steps, bot
         mass, elsewhere = masses(first, one + other)
         found, left = masses(second, one + other)
         # Half a place is rounded to an even one, so tails end at another place.
-        assert found[swapped] == pytest.approx(mass, abs=1e-3)
-        assert left == pytest.approx(elsewhere, abs=1e-3)
+        assert found[swapped] == pytest.approx(mass, abs=3e-3)
+        assert left == pytest.approx(elsewhere, abs=3e-3)
