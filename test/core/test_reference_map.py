@@ -8,7 +8,7 @@ from threading import Thread
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.arrays import Places
-from convseq_ros.core.map.image_coding import decode_jpeg, thumbnail
+from convseq_ros.core.map.image_coding import decode_jpeg, encode_image, thumbnail
 from convseq_ros.core.map.online import FollowedMap, OnlineMap
 from convseq_ros.core.map.place import pack_cells, Picture, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -192,3 +192,11 @@ def test_a_frozen_map_adds_no_place_and_still_counts_scenes():
     follow(mapping, 23, 24)
     mapping.add(Frame(SECOND, GRAY), DESCRIPTOR)
     assert len(reference_map) == 23 and mapping.usable == 3
+
+
+def test_an_image_is_kept_in_memory_before_it_is_in_a_file():
+    whole, packed = ReferenceMap(ENCODING), pack_cells(DESCRIPTOR.cells)
+    whole.add(Place(0), packed)
+    assert whole.image(0, 1.0) is None
+    whole.add(Place(1), packed, image=encode_image(GRAY, 64))
+    assert whole.image(1, 1.0).shape == GRAY.shape and whole.image(0, 1.0) is None
