@@ -4,7 +4,7 @@
 Measure the figures of README again, and compare what is told with what is measured.
 
 Usage: make claims [DATA=FOLDER] [REAL=FOLDER], or python scripts/claims.py [--data FOLDER]
-[--real FOLDER] [--places PLACE...], half an hour on two cores; most of it is HBST's. It reads what
+[--real FOLDER] [--places PLACE...], about an hour on two cores. It reads what
 README tells; --real has the drives of real_drives.py. A figure whose images or peer are not there
 is skipped, with the reason, and so are times, which depend on the machine. Exit code 1 if one does
 not hold; a peer that finds less here, as SIFT does on some processors, is told but no failure.
