@@ -61,11 +61,9 @@ def _start(name: str, usage: str) -> NoReturn:
         from convseq_ros.errors import NEEDS_ROS
 
         sys.exit(f'{name}: {NEEDS_ROS}')
-    code = import_module(f'convseq_ros.node.{name}').main()
-    # Python takes its own handlers back before it ends: a second Ctrl-C would then kill it.
-    for number in _ENDING:
-        signal.signal(number, signal.SIG_IGN)
-    sys.exit(code)
+    from convseq_ros.node.running import leave
+
+    leave(import_module(f'convseq_ros.node.{name}').main())
 
 
 def _describe(name: str) -> None:

@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-import sys
 from threading import Lock, Thread
 import time
 from typing import Any
@@ -25,7 +24,7 @@ from convseq_ros.node.inputs.following_subscription import FollowingSubscription
 from convseq_ros.node.inputs.listener import ListeningNode
 from convseq_ros.node.outputs.map_to_odom import MapToOdom
 from convseq_ros.node.qos import advertise, LATCHED, SERVICE_QOS, steady_timer
-from convseq_ros.node.running import run_until_signal
+from convseq_ros.node.running import leave, run_until_signal
 from convseq_ros.node.services.parameters import declare_group
 from convseq_ros.pose_graph.closures import Known
 from convseq_ros.pose_graph.graph import PoseGraph
@@ -387,4 +386,4 @@ def main(args: list[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    leave(main())

@@ -10,6 +10,7 @@ import re
 import signal
 import sys
 import threading
+from typing import NoReturn
 
 from convseq_ros.config.arguments import refuse_foreign
 from convseq_ros.errors import ConfigError, ConvseqError, one_line, with_traceback
@@ -66,6 +67,13 @@ def run_until_signal(
             if thread.name in _OUR_THREADS:
                 thread.join()  # Python's own end would forbid it to start threads
     return 0
+
+
+def leave(code: int) -> NoReturn:
+    """End the process: Python takes its own handlers back then, and Ctrl-C would kill it."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    sys.exit(code)
 
 
 def spin(node: Node) -> Iterator[None]:

@@ -5,7 +5,6 @@
 from contextlib import ExitStack
 import gc
 from pathlib import Path
-import sys
 import time
 from typing import Any
 
@@ -29,7 +28,7 @@ from convseq_ros.node.outputs.publishers import MatchPublishers
 from convseq_ros.node.outputs.result_log import ResultLog
 from convseq_ros.node.outputs.situation import Situation
 from convseq_ros.node.qos import SERVICE_QOS
-from convseq_ros.node.running import run_until_signal
+from convseq_ros.node.running import leave, run_until_signal
 from convseq_ros.node.services.life_cycle import ManagedNode, PATIENCE_S
 from convseq_ros.node.services.localization import LocalizationTopics
 from convseq_ros.node.services.map_services import MapServices
@@ -303,4 +302,4 @@ def main(args: list[str] | None = None) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    leave(main())
