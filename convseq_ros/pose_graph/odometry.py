@@ -7,6 +7,7 @@ from dataclasses import replace
 import math
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
+from convseq_ros.core.map.online import RECENT
 from convseq_ros.core.rigid import angle, inverse, Matrix, turned_by
 from convseq_ros.core.types import constants, Doubles
 from convseq_ros.pose_graph.edges import Edge
@@ -33,7 +34,6 @@ class ODOMETRY:
     told_rad: float = 0.005
     told_of_turn: float = 0.02  # ... and after a radian turned; at most that of a reset
     jump_back_ns: int = 1_000_000_000  # a clock that goes back further begins anew
-    paused_s: float = 30.0  # after which a drive does not go on; a restart takes some seconds
     faster: float = 2.0  # than before, at most, in a pause
 
 
@@ -60,10 +60,11 @@ class Odometry:
 
     def goes_on(self, stamp_ns: int, raw: Matrix) -> bool:
         """Return whether a pose after a pause may be of this drive: soon, and no further."""
-        passed_s = abs(stamp_ns - self.stamps[-1]) / 1e9
-        furthest_m = ODOMETRY.faster * self._fastest_mps * passed_s + ODOMETRY.excused_m
+        passed_ns = abs(stamp_ns - self.stamps[-1])
+        driven_m = self._fastest_mps * passed_ns / 1e9
+        furthest_m = ODOMETRY.faster * driven_m + ODOMETRY.excused_m
         is_near = math.dist(raw[:3, 3], self._raw[:3, 3]) <= furthest_m
-        return is_near and passed_s <= ODOMETRY.paused_s
+        return is_near and passed_ns <= RECENT.paused_ns
 
     def is_anew(self, stamp_ns: int) -> bool:
         """Return whether the clock was set back: the drive of this pose is another one."""

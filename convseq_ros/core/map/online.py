@@ -40,7 +40,8 @@ class RECENT:
     # Scenes that the drive must be past a place, so laps of 5 s and of 5 h are the same. Drives
     # that never return have no match with 20; 40 is no safer.
     keyframes: int = 20
-    paused_ns: int = 30_000_000_000  # after which a drive does not go on, as in a pose graph
+    # After which a drive does not go on, here and in a pose graph; a restart takes some seconds.
+    paused_ns: int = 30_000_000_000
 
 
 class PreloadedMap:
