@@ -17,6 +17,7 @@ from pathlib import Path
 
 from convseq_ros import Frame
 from convseq_ros.config import make_config, with_values
+from convseq_ros.evaluation.protocols import kept_halves
 import cv2
 from known_drives import Drive, Make, Shown
 import numpy as np
@@ -119,15 +120,21 @@ def shown(folder: Path, place: Callable[[int], float], part: Part, start_ns: int
     return found
 
 
-def of_laps(folder: Path, name: str, of: Set, mapped: Part, driven: Part) -> Drive:
-    """Return a drive in a map of another day."""
+def of_laps(
+    folder: Path, name: str, of: Set, mapped: Part, driven: Part, half: str | None = None
+) -> Drive:
+    """Return a drive in a map of another day, or in half of it."""
 
     def of_part(part: Part, start_ns: int) -> Shown:
         place = of.places(folder, part.drive) if part.is_mapped else lambda _number: math.inf
         return shown(folder / of.name / part.drive, place, part, start_ns)
 
-    frames = of_part(mapped, 0), of_part(driven, DAY_NS)
-    return Drive(name, *frames, CONFIG, of.right, of.wrong, of.lap, of.name)
+    places = of_part(mapped, 0)
+    if half is not None:
+        first, last = kept_halves(len(places))[half]
+        name, places = f'{name}, {half} half', places[first:last]
+    queries = of_part(driven, DAY_NS)
+    return Drive(name, places, queries, CONFIG, of.right, of.wrong, of.lap, of.name)
 
 
 def of_park(folder: Path, name: str, kept: Part, driven: str) -> Drive:
@@ -179,8 +186,14 @@ def in_other_light(folder: Path) -> dict[str, Make]:
         ('park first', Part('0', 51, 100), '1'), ('park middle', Part('0', 26, 75), '1'),
         ('park last', Part('0', 0, 50), '1'), ('park back middle', Part('1', 26, 75), '0'),
     )  # fmt: skip
+    in_half = [
+        partial(of_laps, folder, *of, half=half)
+        for of in laps if of[0] in ('court noon', 'office week', 'house one lap')
+        for half in ('first', 'middle', 'last')
+    ]  # fmt: skip
     return {
         **{of[0]: partial(of_laps, folder, *of) for of in laps},
+        **{f'{one.args[1]}, {one.keywords["half"]} half': one for one in in_half},
         **{of[0]: partial(of_park, folder, *of) for of in parks},
         'room, hand-held': partial(of_room, folder, 'room, hand-held'),
         'straight, online': partial(of_straight, folder),

@@ -35,7 +35,8 @@ class KEYPOINTS:
     # Share of the mass of a place that takes its expected lead anew, per keyframe; also the weight
     # of the last match in what is learned of the drive.
     changing: float = 0.1
-    sigma: float = 1.23  # of the leads of true places, and of others about 0
+    sigma: float = 1.23  # of the leads of true places about the expected one
+    others: float = 1.6  # sigma of those of other places about 0; chosen by fit_decision.py
     floor: float = 2.0  # blocks that a rival has at least
     surprising: float = 3.0  # log ratio of a lead that chance does not give
 
@@ -112,11 +113,13 @@ def ratios_of(lead: float) -> Doubles:
     """
     Return the likelihood ratios (6,) of a lead, by state.
 
-    Leads are normal, with a mean of the expected lead u at true places, and of 0 elsewhere and at
-    copies: exp(u (lead - u / 2) / sigma^2).
+    Leads are normal: about the expected lead u with `sigma` at true places, and about 0 with
+    `others` at other ones. A true place that expects none, u = 0, and a copy are like others: 1.
     """
     expected = np.array((*KEYPOINTS.expected, 0.0))
-    return np.asarray(np.exp(expected * (lead - expected / 2) / KEYPOINTS.sigma**2))
+    true, other = (lead - expected) / KEYPOINTS.sigma, lead / KEYPOINTS.others
+    ratios = KEYPOINTS.others / KEYPOINTS.sigma * np.exp((other**2 - true**2) / 2)
+    return np.where(expected > 0, ratios, 1.0)
 
 
 def keypoint_ratios(

@@ -136,12 +136,13 @@ class Likelihood:
         The ratio of place i is that of its cells times that of its keypoints:
 
             C = r e^c / q + 1 - r,  divided by  1 + a max C,  down to 1
-            K = sum of P(u) exp(u (x - u / 2) / sigma^2),  divided by  1 - b + b K
+            K = sum of P(u) L(u, x),             divided by  1 - b + b K
 
         c is the log density ratio of the cells' leads (`Leads.cells`), and r the probability that
         cells show a true place. q is the chance that the strongest place of the map lies where it
         lies, if the drive is elsewhere (`gain_of`); for all other places q is 1. The sum is over
-        the states of a place, its expected leads u, by the keypoints' lead x (`ratios_of`).
+        the states of a place, its expected leads u; L is the ratio of the keypoints' lead x at a
+        place of that state to that elsewhere (`ratios_of`).
 
         a and b say how often another place looks the same: a is the share of frames elsewhere
         whose cells look like a place in every respect, so cells decide in no single frame; b is

@@ -3,6 +3,7 @@
 """What keypoints say, and how far they are expected to lead: worked by hand."""
 
 import math
+from statistics import NormalDist
 
 from convseq_ros.core.decision.expected_lead import ExpectedLead, keypoint_ratios, ratios_of
 from hypothesis import given
@@ -25,7 +26,8 @@ def first(likeliest):
 
 def said(lead, likeliest):
     """Return the log ratio of a lead: normal about an expected one, or about 0 elsewhere."""
-    ratios = [math.exp((lead**2 - (lead - one) ** 2) / (2 * 1.23**2)) for one in EXPECTED]
+    elsewhere = NormalDist(0, 1.6).pdf(lead)
+    ratios = [1.0, *(NormalDist(one, 1.23).pdf(lead) / elsewhere for one in EXPECTED[1:])]
     return math.log((1 - COPY) * (first(likeliest) @ ratios) + COPY)
 
 
@@ -167,10 +169,9 @@ def test_what_is_learned_by_day_does_not_hold_at_night():
 
 
 def test_ratios_of_a_lead_are_those_worked_by_hand():
-    assert ratios_of(0.0) == pytest.approx(
-        [1, *(math.exp(-(one**2) / (2 * 1.23**2)) for one in EXPECTED[1:]), 1]
-    )
-    assert ratios_of(4.0)[2] == pytest.approx(math.exp(16 / (2 * 1.23**2)))
+    # 1.6 / 1.23 = 1.301 times e to the power of (x / 1.6)^2 / 2 - ((x - u) / 1.23)^2 / 2.
+    assert ratios_of(0.0) == pytest.approx([1, 0.3468, 6.57e-3, 8.86e-6, 8.49e-10, 1], rel=2e-3)
+    assert ratios_of(4.0)[[0, 2, 5]] == pytest.approx([1, 29.61, 1], rel=1e-3)
 
 
 @given(st.floats(-40, 40), st.floats(0, 2), st.floats(0, 1))
