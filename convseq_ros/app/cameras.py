@@ -13,7 +13,14 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.rigid import of_roll_pitch_yaw
-from convseq_ros.core.types import Frame, Localization, LocalizationState, Match, ROBOT
+from convseq_ros.core.types import (
+    Frame,
+    Localization,
+    LocalizationState,
+    Match,
+    PoseEstimate,
+    ROBOT,
+)
 import numpy as np
 
 _ASCENDING = tuple(LocalizationState)  # by certainty
@@ -133,6 +140,10 @@ class Cameras:
         if len(self.recognizers) > 1:
             x, y, z, *turn = self.config.robot.of_camera(0).mount
             self.first.reference_map.assume_mount(of_roll_pitch_yaw((x, y, z), *turn))
+
+    def expect(self, estimate: PoseEstimate) -> int:
+        """Look first near a pose, as `PlaceRecognizer.expect` does; return at how many places."""
+        return max(recognizer.expect(estimate) for recognizer in self.each)
 
     def reset(self) -> None:
         """Forget the frames so far, as `PlaceRecognizer.reset` does."""

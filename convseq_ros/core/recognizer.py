@@ -21,6 +21,7 @@ from convseq_ros.core.map.online import FollowedMap, mapping_of, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.camera_check import CameraCheck
 from convseq_ros.core.pose.estimate import with_pose
+from convseq_ros.core.pose.nearby import places_near
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.pose.shift import with_shift_and_yaw
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces, CoarseScores
@@ -34,6 +35,7 @@ from convseq_ros.core.types import (
     Doubles,
     Frame,
     Match,
+    PoseEstimate,
     Reason,
     Row,
 )
@@ -279,6 +281,20 @@ class PlaceRecognizer:
         """Use other settings from now on; those of the map stay."""
         self.config = config
         self.gate.configure(config)
+
+    def expect(self, estimate: PoseEstimate) -> int:
+        """
+        Begin anew, look first at places near a pose of the base, and return how many they are.
+
+        With none, nothing changes. Half of the belief is at them, seen from above, by the
+        covariance and the distance between places; the other half is anywhere. By the paper's
+        method, which has no belief, it is `reset`.
+        """
+        places, weights = places_near(self.reference_map, estimate, self.mapping.usable)
+        if len(places):
+            self.reset()
+            self.decider.expect(places, weights, self.mapping.drive_start)
+        return len(places)
 
     def reset(self) -> None:
         """Forget the frames so far; the map stays, and frames are counted on."""

@@ -3,6 +3,7 @@
 """The ROS node: images in, recognised places out."""
 
 from contextlib import ExitStack
+from functools import partial
 import gc
 from pathlib import Path
 import time
@@ -12,12 +13,14 @@ from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config import Config
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.encoding.mask import masked
+from convseq_ros.core.types import PoseEstimate
 from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.io.output_file import OutputFile
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.node.inputs.frame_context import FrameContext
 from convseq_ros.node.inputs.image_subscription import image_subscriptions, QUEUE_BYTES
+from convseq_ros.node.inputs.initial_poses import InitialPoses
 from convseq_ros.node.inputs.stamps import Stamps
 from convseq_ros.node.outputs.answered import Answered
 from convseq_ros.node.outputs.counters import Counters
@@ -130,7 +133,10 @@ class VprNode(ManagedNode):
         if config.publish_tf:
             self._transform = MeasuredTransform(self, config)
             self._frame_context.odometry.tell(self._transform.on_odometry)
-        self._localization = LocalizationTopics(self, config, self._situation, self._advice)
+        self._initial_poses = InitialPoses(self, config.map_frame, self._on_initial_pose)
+        self._localization = LocalizationTopics(
+            self, config, self._situation, self._advice, self._initial_poses
+        )
         self._diagnostics = Diagnostics(
             self, self._counters, self._situation, config.diagnostics_period_s
         )
@@ -239,6 +245,17 @@ class VprNode(ManagedNode):
     def _forget(self) -> None:
         self._recognition.pipeline.cameras.reset()
 
+    def _on_initial_pose(self, estimate: PoseEstimate) -> None:
+        self._worker.between_items(partial(self._expect, estimate))
+
+    def _expect(self, estimate: PoseEstimate) -> None:
+        """Look first near a pose that others tell, in the worker's thread."""
+        if count := self._recognition.pipeline.cameras.expect(estimate):
+            self.get_logger().info(f'initialpose: {count} places near {estimate} come first')
+        else:
+            line = f'no place of the map with a pose is near {estimate}'
+            self._initial_poses.leave_out(line)
+
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._worker.between_items(self._forget)
         response.success, response.message = True, 'the query sequence starts anew'
@@ -287,6 +304,7 @@ class VprNode(ManagedNode):
                 'odometry_jumps': pipeline.cameras.odometry_jumps,
                 'result_rows_lost': self._results.lost,
                 'camera_info': self._frame_context.camera.is_calibrated,
+                'initial_poses_left_out': self._initial_poses.left_out,
                 'frames_without_pose': odometry.missing.count,
                 **(self._transform.values if self._transform else {}),
             },

@@ -58,12 +58,15 @@ class StaticTransforms:
             for stamped in message.transforms:
                 pose = pose_of_transform(stamped.transform)
                 if pose is not None:
-                    frames = _plain(stamped.child_frame_id), _plain(stamped.header.frame_id)
+                    frames = (
+                        plain_frame(stamped.child_frame_id),
+                        plain_frame(stamped.header.frame_id),
+                    )
                     self._above[frames[0]] = frames[1], matrix(pose)
 
     def pose_in(self, base: str, frame: str) -> Pose | None:
         """Return the pose of a frame in another; None if no transforms lead there."""
-        above, found = self._to_root(_plain(base)), self._to_root(_plain(frame))
+        above, found = self._to_root(plain_frame(base)), self._to_root(plain_frame(frame))
         common = next((name for name in found if name in above), None)
         if common is None:
             return None
@@ -96,12 +99,12 @@ class OdometryFrame:
         base_in: Callable[[str], Pose | None],
         tell: Callable[[str], None] = lambda _line: None,
     ) -> None:
-        self._base, self._base_in, self._tell = _plain(base_frame), base_in, tell
+        self._base, self._base_in, self._tell = plain_frame(base_frame), base_in, tell
         self._known: dict[str, Matrix] = {}
 
     def carried(self, pose: Pose, child_frame: str) -> Pose | None:
         """Return the pose of the base; None if it is unknown where the frame is on the robot."""
-        child = _plain(child_frame)
+        child = plain_frame(child_frame)
         if child in ('', self._base):
             return pose
         if child not in self._known and (base := self._base_in(child)):
@@ -115,11 +118,11 @@ class OdometryFrame:
     def problem(self, child_frame: str) -> str:
         """Return a line for poses that cannot be carried."""
         return (
-            f'poses are of {_plain(child_frame)}, and static TF has no way from it to '
+            f'poses are of {plain_frame(child_frame)}, and static TF has no way from it to '
             f'{self._base}: they are left out; publish or record it, or name another base_frame'
         )
 
 
-def _plain(frame: str) -> str:
+def plain_frame(frame: str) -> str:
     """Return the name of a frame without the slash of ROS 1."""
     return frame.removeprefix('/')

@@ -146,7 +146,9 @@ def on_the_graph(client: Any, vpr: Any) -> dict[str, list[str]]:
         ]
 
     find_subscribed = node.get_subscriber_names_and_types_by_node
-    client.wait_for(lambda: len(told(find_subscribed)) == len(['image', 'camera_info', 'odom']))
+    client.wait_for(
+        lambda: len(told(find_subscribed)) == len(['image', 'camera_info', 'odom', 'initialpose'])
+    )
     return {
         'publishes': told(node.get_publisher_names_and_types_by_node),
         'subscribes': told(find_subscribed),

@@ -3,7 +3,9 @@
 """Where the robot is: asked for, published when it changes, and why it is not known."""
 
 from itertools import pairwise
+import math
 import threading
+from unittest.mock import Mock
 
 from convseq_ros.node.services import localization
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -80,6 +82,42 @@ def test_every_change_of_the_state_is_published_and_latched_with_one_initial_pos
     assert values['problem'] == '' and float(values['quality']) >= 0.9
     assert last[0].pose.pose.position.x >= 20.0 and len(last) == 1
     assert last[0].header.frame_id == 'map' and last[0].pose.covariance[0] > 0
+
+
+def pose_of_others(x, frame_id='map', sigma_m=1.0):
+    """Return what RViz sends: on the ground, with no variance of the height."""
+    message = PoseWithCovarianceStamped()
+    message.header.frame_id = frame_id
+    message.pose.pose.position.x, message.pose.pose.position.y = x, 2.0
+    message.pose.pose.orientation.w = 1.0
+    message.pose.covariance[0] = message.pose.covariance[7] = sigma_m**2
+    return message
+
+
+def test_others_say_where_to_look_first_and_what_the_node_sends_itself_is_passed_over(
+    client, vpr, map_path, show
+):
+    node = vpr(map_path=map_path, publish_initial_pose='true', **BELIEF)
+    sent = client.listen(PoseWithCovarianceStamped, '/initialpose', LATCHED)
+    others = client.camera(PoseWithCovarianceStamped, '/initialpose')
+    expect = Mock(wraps=node._recognition.pipeline.cameras.expect)
+    node._recognition.pipeline.cameras.expect = expect
+    for message in (
+        pose_of_others(8.0, 'odom'),
+        pose_of_others(math.inf),
+        pose_of_others(8.0, sigma_m=math.nan),
+        pose_of_others(1000.0),
+        pose_of_others(8.0, '/map'),
+    ):
+        others.publish(message)
+    client.wait_for(lambda: expect.call_count == 2)
+    assert show(8) == 8  # as offline, at once
+    client.wait_for(lambda: sent)  # its own, which came before the next one
+    others.publish(pose_of_others(20.0))
+    client.wait_for(lambda: expect.call_count == 3)
+    assert expect.call_args.args[0].pose.position == (20.0, 2.0, 0.0)
+    assert show(20) == 20
+    assert node._situation().further['initial_poses_left_out'] == 4
 
 
 def test_waiting_localize_calls_take_no_threads_and_too_many_are_refused(

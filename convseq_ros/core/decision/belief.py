@@ -31,6 +31,7 @@ class BELIEF:
     # Of what is lost, at a start or where a session ends: enters earlier drives, but at most
     # `COPIES.cells` at a place, so that cells decide in no single frame.
     lost: float = 0.5
+    told: float = 0.5  # of all: is at the places where others say that the robot is
     # Of each place: leaves the map; of all: enters, as a robot may be moved, or odometry fail.
     jumping: float = 5e-4
     sharing: float = 0.1  # of a place: moves to its other looks
@@ -58,6 +59,18 @@ class Belief:
         self._states: Doubles = np.zeros((STATES, 0))  # the same mass
         self._nowhere = 1.0  # mass of elsewhere that is at no copy of a place
         self._lost = 1.0  # part of it of which nothing is known
+
+    def expect(self, places: Indices, weights: Doubles, earlier: int) -> None:
+        """
+        Begin with mass at places (n,), ascending, by weights (n,) of sum 1; the rest is lost.
+
+        `earlier` is the number of places of earlier drives.
+        """
+        self.reset()
+        share = BELIEF.told * weights
+        self.places, self._mass = places, self.motion.prior[:, None] * share
+        self._states = self._lead.entering(places, earlier) * share
+        self._nowhere = self._lost = 1 - BELIEF.told
 
     @property
     def mass(self) -> Doubles:
@@ -123,7 +136,7 @@ class Belief:
         same = _summed(rows * count + where, weights, len(mass), count)
         other = self.motion.prior[:, None] * same.sum(axis=0)
         changed = (1 - MOTION.changing) * same + MOTION.changing * other
-        self._lost = max(0.0, float(mass.sum() - changed.sum()))
+        self._lost += max(0.0, float(mass.sum() - changed.sum()))
         states /= states.sum(axis=0)
         at = (np.arange(STATES)[:, None] * count + where).ravel()
         arrived = _summed(at, (states[:, sources] * weights).ravel(), STATES, count)

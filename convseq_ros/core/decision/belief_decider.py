@@ -27,7 +27,16 @@ from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.sequence.diagonals import diagonal
 from convseq_ros.core.sequence.query_buffer import BUFFER
 from convseq_ros.core.similarity.scorer import Scorer
-from convseq_ros.core.types import Candidate, Candidates, Flags, Frame, Pose, Reason
+from convseq_ros.core.types import (
+    Candidate,
+    Candidates,
+    Doubles,
+    Flags,
+    Frame,
+    Indices,
+    Pose,
+    Reason,
+)
 import numpy as np
 
 # A place's ratio below this is denied by both: the least that cells leave, halved by keypoints.
@@ -73,6 +82,9 @@ class BeliefDecider(Decider):
         self._light.reset()
         self._prior.reset()
         self._jumps.reset()
+
+    def expect(self, places: Indices, weights: Doubles, earlier: int) -> None:
+        self._belief.expect(places, weights, earlier)
 
     def use_matches_of(self, other: object) -> None:
         """Use the matches and the odometry of the decider of another camera of the robot."""

@@ -9,7 +9,7 @@ from convseq_ros.config import Config
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.similarity.scorer import Features
-from convseq_ros.core.types import Candidate, Candidates, Doubles, Flags, Frame, Reason
+from convseq_ros.core.types import Candidate, Candidates, Doubles, Flags, Frame, Indices, Reason
 import numpy as np
 
 
@@ -64,6 +64,13 @@ class Decider:
 
     def reset(self) -> None:
         """Forget the drive."""
+
+    def expect(self, places: Indices, weights: Doubles, earlier: int) -> None:
+        """
+        Look first at places (n,), ascending, by weights (n,) whose sum is 1, if there is a belief.
+
+        `earlier` is the number of places of earlier drives.
+        """
 
     def use_matches_of(self, other: object) -> None:
         """Use the matches and the odometry of the decider of another camera of the robot."""

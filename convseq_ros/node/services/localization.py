@@ -11,6 +11,7 @@ from typing import Any
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.types import Localization, LocalizationState, Match, PoseEstimate
 from convseq_ros.node.conversions import pose_message, status_message
+from convseq_ros.node.inputs.initial_poses import InitialPoses
 from convseq_ros.node.outputs.situation import Situation
 from convseq_ros.node.qos import advertise, LATCHED, SERVICE_QOS
 from convseq_ros.node.services.worker import Turn
@@ -43,6 +44,7 @@ class LocalizationTopics:
     config: NodeConfig
     situation: Callable[[], Situation]  # returns the node's state
     advice: Callable[[], str]  # returns why no images may arrive
+    initial_poses: InitialPoses  # those of others
 
     def __post_init__(self) -> None:
         self._state = _State(0, Localization(), None, _UNMEASURED)
@@ -100,7 +102,9 @@ class LocalizationTopics:
 
     def _announce(self, match: Match, estimate: PoseEstimate | None, remark: str) -> None:
         if estimate:
-            self._initial_pose.publish(pose_message(match, estimate, self.config.map_frame))
+            message = pose_message(match, estimate, self.config.map_frame)
+            self.initial_poses.sent.append(message)
+            self._initial_pose.publish(message)
         else:
             self.node.get_logger().warning(f'no initialpose: {remark}', once=True)
 

@@ -131,6 +131,18 @@ def test_a_lost_robot_is_in_an_earlier_map_with_probability_one_half(a_map):
     assert later == pytest.approx(0.004 + 5e-4, abs=2e-4)  # the first frame denies all places
 
 
+def test_half_of_the_mass_is_where_others_say_and_the_other_half_stays_lost(a_map):
+    belief = Belief(a_map(40), Driven(0.0), in_the_dark())
+    belief.expect(np.array([3, 4]), np.array([0.75, 0.25]), 40)
+    found, elsewhere = masses(belief, 5)
+    assert found[3:] == pytest.approx([0.375 * (1 - COPY), 0.125 * (1 - COPY)])
+    assert found.sum() + elsewhere == pytest.approx(1.0)
+    belief.predict(40, 40)
+    # What is lost enters all 40 places, as at a start: at most COPY at each.
+    found, _ = masses(updated(belief, [0.0] * 40, earlier=40), 40)
+    assert found[20] == pytest.approx(0.5 * COPY, rel=0.3) and found[3] > 100 * found[20]
+
+
 def test_mass_that_runs_off_a_session_may_be_anywhere_in_the_map(a_map):
     belief = sure_of(Belief(a_map(400, 4), Driven(), in_the_dark()), 403)
     belief.predict(404, 404)

@@ -10,8 +10,9 @@ from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.pose.nearby import places_near
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame, LocalizationState, Reason, Status
+from convseq_ros.core.types import Frame, LocalizationState, PoseEstimate, Reason, Status
 import numpy as np
 from poses import at
 import pytest
@@ -369,3 +370,38 @@ def test_a_wrong_link_causes_few_further_errors(image):
         places = [one and one % lap for one in accepted(found[start : start + lap])]
         false = [one for index, one in enumerate(places) if one not in (None, index)]
         assert len(false) <= 1 and places.count(None) <= 3
+
+
+# Where others say that the robot is.
+
+
+def told(x, sigma_m=1.0):
+    return PoseEstimate(at(x, 2.0), np.diag([sigma_m**2] * 6))
+
+
+@pytest.mark.parametrize('place', [7, 30])
+def test_a_robot_is_found_at_once_where_others_say_that_it_is(posed, drive, place):
+    assert accepted(drive(PlaceRecognizer(posed, OWN), [place])) == [None]
+    recognizer = PlaceRecognizer(posed, OWN)
+    drive(recognizer, range(50, 54))
+    assert recognizer.expect(told(place)) == 7  # 3 sigmas of sqrt(2) m, 2 m aside
+    assert recognizer.localizer.localization.state is LocalizationState.LOST
+    assert accepted(drive(recognizer, [place], start=4)) == [place]
+
+
+def test_a_wrong_pose_that_others_tell_is_overruled_and_one_far_off_changes_nothing(posed, drive):
+    recognizer = PlaceRecognizer(posed, OWN)
+    drive(recognizer, range(10, 14))
+    assert recognizer.expect(told(500.0)) == 0
+    assert accepted(drive(recognizer, range(14, 16), start=4)) == [14, 15]
+    assert recognizer.expect(told(60.0))
+    assert accepted(drive(recognizer, range(16, 22), start=6))[2:] == [18, 19, 20, 21]
+
+
+def test_poses_without_places_and_places_without_poses_are_not_near(street, posed):
+    wide = told(-3.0, 100.0)
+    assert PlaceRecognizer(street, OWN).expect(wide) == 0
+    recognizer = PlaceRecognizer(posed, OWN)
+    places, weights = places_near(posed, wide, 5)
+    assert places.tolist() == [0, 1, 2, 3, 4] and weights.sum() == pytest.approx(1.0)
+    assert (np.diff(weights) < 0).all() and recognizer.expect(wide) == PLACES
