@@ -14,6 +14,9 @@ class PoseGraphConfig(Checked):
     """Settings of the pose graph: frames, files and the errors of what it is told."""
 
     map_frame: str = parameter('map', 'TF frame of the corrected poses.', is_frame=True)
+    base_frame: str = parameter(
+        'base_link', 'TF frame of the robot, to which static TF carries odometry.', is_frame=True,
+    )
     publish_tf: bool = parameter(
         True, 'Whether map -> odom is on /tf, where tf2_msgs is installed; it is always on '
         '~/map_to_odom.',

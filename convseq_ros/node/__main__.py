@@ -26,7 +26,7 @@ usage: pose_graph_node [--ros-args [-p NAME:=VALUE]... [--params-file FILE] [-r 
 
 Corrects odometry with the closures of vpr_node, and publishes map -> odom.
 
-  pose_graph_node --ros-args -p graph_file:=home.db.graph -p tum_file:=path.txt
+  pose_graph_node --ros-args -p map_path:=home.db -p tum_file:=path.txt
 
 Topics to remap: odom, vpr_node/closure_odometry, vpr_node/loop_closure, vpr_node/pose,
 vpr_node/map_info. Parameters:

@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A back end: corrects odometry with closures, and publishes the transform map -> odom."""
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from threading import Lock, Thread
 import time
@@ -19,9 +17,12 @@ from convseq_ros.errors import ConvseqError, with_traceback
 from convseq_ros.io.output_file import OutputFile, refuse_outputs, TEXT
 from convseq_ros.io.regular_file import write_lines
 from convseq_ros.node.conversions import path_message, stamp_to_ns, status_message
+from convseq_ros.node.inputs.backlog import Backlog
+from convseq_ros.node.inputs.camera_mount import Mount
 from convseq_ros.node.inputs.closures_heard import closure_of, closure_of_pair, uncertain_pose
 from convseq_ros.node.inputs.following_subscription import FollowingSubscription
 from convseq_ros.node.inputs.listener import ListeningNode
+from convseq_ros.node.inputs.odometry_subscription import OdometrySubscription
 from convseq_ros.node.outputs.map_to_odom import MapToOdom
 from convseq_ros.node.qos import advertise, LATCHED, SERVICE_QOS, steady_timer
 from convseq_ros.node.running import leave, run_until_signal
@@ -32,7 +33,6 @@ from convseq_ros.pose_graph.lines import beside, tum, write_g2o
 from convseq_ros.pose_graph.optimisation import need_gtsam
 from convseq_ros.pose_graph.problem import Problem
 from convseq_ros.pose_graph.stored import graph_of
-from convseq_ros.sources.pose_track import odometry_from_message
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -72,13 +72,11 @@ class PoseGraphNode(ListeningNode):
         _refuse_files(config)
         self._graph = PoseGraph(config)
         self._lock, self._solving = Lock(), Lock()
-        self._frame, self._map_id, self._read_id, self._problem = '', '', '', ''
-        # What was heard until the map is read, and since when; None where there is no map to read.
-        self._backlog: list[tuple[Callable[[Any], None], Any]] | None = None
-        self._heard_s = 0.0
+        self._map_id, self._read_id, self._problem = '', '', ''
         path = Path(config.map_path)
         if config.map_path and path.exists() and path.stat().st_size:
-            self._read_id, self._backlog = MapReader(path).settings.map_id, []
+            self._read_id = MapReader(path).settings.map_id
+        self._backlog = Backlog(self.get_logger(), bool(self._read_id))
         self._thread: Thread | None = None
         self._update_ms = self._solve_ms = 0.0
         self._breaks = set[int]()  # stamps at which odometry was loosened
@@ -87,29 +85,29 @@ class PoseGraphNode(ListeningNode):
         self._path = advertise(self, PathMessage, '~/path')
         self._diagnostics = advertise(self, DiagnosticArray, '/diagnostics')
 
-        def hear(take: Callable[[Any], None]) -> Callable[[Any], None]:
-            return partial(self._hear, take)
-
-        self._odometry = FollowingSubscription(
-            self, Odometry, 'odom', hear(self._on_odometry), _DEPTH
+        before = self._backlog.before
+        frame = Mount(self, config.base_frame).odometry_frame()
+        self._odometry = OdometrySubscription(
+            self, frame, before(self._on_odometry, matters=True), _DEPTH
         )
-        closures = FollowingSubscription(self, Odometry, _CLOSURES, hear(self._on_closure), _DEPTH)
         for kind, topic, call in (
+            (Odometry, _CLOSURES, self._on_closure),
             (Float64MultiArray, 'vpr_node/loop_closure', self._on_pair),
             (PoseWithCovarianceStamped, 'vpr_node/pose', self._on_pose),
         ):
-            FollowingSubscription(self, kind, topic, hear(call), _DEPTH)
+            FollowingSubscription(self, kind, topic, before(call), _DEPTH)
         for kind, topic, call in (
             (DiagnosticArray, 'vpr_node/map_info', self._on_map),
             (DiagnosticStatus, 'vpr_node/localization', self._on_localization),
         ):
-            self.create_subscription(kind, topic, hear(call), LATCHED)
+            self.create_subscription(kind, topic, before(call), LATCHED)
         self.create_service(Trigger, '~/save', self._on_save, qos_profile=SERVICE_QOS)
-        if self._backlog is not None:
+        if self._backlog.is_waiting:
             self._catching_up = steady_timer(self, _POLL_S, self._catch_up)
         steady_timer(self, config.period_s, self._work)
         steady_timer(self, _PERIOD_S, self._report)
-        self.get_logger().info(f'listening to {self._odometry.topic} and {closures.topic}')
+        topics = self._odometry.topic, self.resolve_topic_name(_CLOSURES)
+        self.get_logger().info('listening to {} and {}'.format(*topics))
 
     def destroy_node(self) -> None:
         """Take in the last closures if that is quick, write the files, and leave the graph."""
@@ -126,19 +124,10 @@ class PoseGraphNode(ListeningNode):
                     self.get_logger().info(text)
         super().destroy_node()
 
-    def _hear(self, take: Callable[[Any], None], message: Any) -> None:
-        """Take in a message; until the map is read, later."""
-        with self._lock:
-            if self._backlog is not None:
-                self._backlog.append((take, message))
-                if take == self._on_odometry:
-                    self._heard_s = self._heard_s or time.monotonic()
-                return
-        take(message)
-
     def _catch_up(self) -> None:
         """Read the map, in another thread, when it has what was driven before this started."""
-        waits = not self._heard_s or time.monotonic() - self._heard_s < _WRITTEN_S
+        since_s = self._backlog.since_s
+        waits = not since_s or time.monotonic() - since_s < _WRITTEN_S
         if waits or not self._solving.acquire(blocking=False):
             return
         self._catching_up.cancel()
@@ -159,28 +148,10 @@ class PoseGraphNode(ListeningNode):
             self._graph = PoseGraph(self._config, in_map=True)
             self._problem = f'the map is not read: {with_traceback(error)}'
             self.get_logger().error(self._problem)
-        while heard := self._take_backlog():
-            for take, message in heard:
-                try:
-                    take(message)
-                except Exception as error:  # as the executor does, which goes on with the next one
-                    self.get_logger().error(with_traceback(error))
+        self._backlog.take_in()
         self._solving.release()
 
-    def _take_backlog(self) -> list[tuple[Callable[[Any], None], Any]]:
-        """Return what was heard since the last call; when that is nothing, nothing waits again."""
-        with self._lock:
-            heard, self._backlog = self._backlog or [], [] if self._backlog else None
-        return heard
-
-    def _on_odometry(self, message: Any) -> None:
-        stamp_ns, pose = stamp_to_ns(message.header.stamp), odometry_from_message(message)
-        if not stamp_ns or pose is None:
-            line = (
-                'odometry without a stamp, or that is no pose, is left out; look at its publisher'
-            )
-            self.get_logger().warning(f'{self._odometry.topic}: {line}', once=True)
-            return
+    def _on_odometry(self, stamp_ns: int, pose: Pose, frame_id: str) -> None:
         told = pose.variances or (0.0, 0.0)
         if not np.isfinite(told).all():  # PoseGraph then takes the parameters
             self.get_logger().warning(
@@ -196,13 +167,12 @@ class PoseGraphNode(ListeningNode):
             anew = self._graph.restarts > restarts
             is_reset = self._graph.running.resets > resets
         self._update_ms = 1000 * (time.perf_counter() - start_s)
-        self._frame = message.header.frame_id
         if anew:
             self.get_logger().warning('the clock was set back: this drive begins a new graph')
         elif is_reset:
             self.get_logger().warning('odometry was reset: only closures tell how far it moved')
         if correction is not None:
-            self._transform.publish(stamp_ns, self._frame, correction)
+            self._transform.publish(stamp_ns, frame_id, correction)
 
     def _on_closure(self, message: Any) -> None:
         if (found := closure_of(message, self._config.closure_sigma_rad)) is None:
@@ -323,7 +293,7 @@ class PoseGraphNode(ListeningNode):
             return DiagnosticStatus.ERROR, self._problem
         if self._transform.problem:
             return DiagnosticStatus.ERROR, self._transform.problem
-        if self._heard_s and self._backlog is not None:
+        if self._backlog.since_s:
             return DiagnosticStatus.WARN, 'the map is read'
         if not values['keyframes']:
             return DiagnosticStatus.WARN, f'no odometry on {self._odometry.topic}'

@@ -98,7 +98,7 @@ def graph_node(client):
 
 def drive(node, first: int = 0, last: int = NUM) -> None:
     for step in range(first, last + 1):
-        node._on_odometry(odometry(step))
+        node._odometry.hear(odometry(step))
 
 
 def close(client, node, *closures: Odometry) -> None:
@@ -264,8 +264,51 @@ def test_a_killed_node_goes_on_where_it_was(client, graph_node, town_map):
     off_m = np.linalg.norm((correction @ DRIFTED[71] - TRUE[71])[:3, 3])
     assert off_m < 0.3 * np.linalg.norm((DRIFTED[71] - TRUE[71])[:3, 3])
     assert node._graph.counts['kept'] == 5 and not node._graph.earlier
-    node._hear(node._on_map, map_info(made.map_id, sessions=made.sessions[0].id))
+    node._on_map(map_info(made.map_id, sessions=made.sessions[0].id))
     assert node._graph.running.sessions == {made.sessions[0].id}
+
+
+def test_odometry_of_another_frame_is_carried_to_the_base_by_static_tf(
+    client, graph_node, monkeypatch
+):
+    """As by the recogniser: both use `odom` alike."""
+    base = types.SimpleNamespace(x=-0.3, y=0.2, z=-1.0)  # in the frame of the IMU
+    turn = types.SimpleNamespace(x=0.0, y=0.0, z=math.sqrt(0.5), w=math.sqrt(0.5))
+    moved = types.SimpleNamespace(translation=base, rotation=turn)
+
+    class Buffer:
+        def can_transform(self, target, source, _time):
+            return (target, source) == ('imu', 'robot')
+
+        def lookup_transform(self, *_frames):
+            header = types.SimpleNamespace(stamp=stamp_from_ns(0))
+            return types.SimpleNamespace(header=header, transform=moved)
+
+    tf = types.SimpleNamespace(Buffer=Buffer, TransformListener=lambda _buffer, _node: None)
+    monkeypatch.setitem(sys.modules, 'tf2_ros', tf)
+    node, publisher = graph_node(base_frame='robot'), client.camera(Odometry, '/odom')
+    in_base = np.eye(4)
+    in_base[:3, :3], in_base[:3, 3] = turned_by((0, 0, math.pi / 2)), (-0.3, 0.2, -1.0)
+    for step in range(6):
+        message = odometry(step)
+        message.child_frame_id = '/imu'
+        of_imu = DRIFTED[step] @ inverse(in_base)
+        message.pose.pose = pose_only_message(pose_of(of_imu))
+        publisher.publish(message)
+    client.wait_for(lambda: len(node._graph.running.poses) == 6)
+    assert np.allclose(node._graph.running.poses, DRIFTED[:6], atol=1e-9)
+
+
+def test_odometry_that_tf_cannot_carry_is_left_out_with_a_line(graph_node, monkeypatch):
+    node = graph_node()
+    warning = Mock()
+    monkeypatch.setattr(node._odometry, '_logger', Mock(warning=warning))
+    for step in range(16):  # 3 s
+        message = odometry(step)
+        message.child_frame_id = 'imu'
+        node._odometry.hear(message)
+    assert not node._graph.running.poses
+    assert 'poses are of imu, and static TF has no way' in warning.call_args.args[0]
 
 
 def test_the_recogniser_alone_was_killed_and_what_it_made_before_is_known(client, graph_node):
@@ -296,9 +339,9 @@ def test_two_nodes_with_two_maps_are_reported(client, graph_node, town_map):
     path, _ = town_map
     node, publisher = graph_node(map_path=path), client.camera(Odometry, '/odom')
     publisher.publish(odometry(71))
-    node._hear(node._on_map, DiagnosticArray())  # a message that makes trouble
-    client.wait_for(lambda: node._backlog is None)
-    node._hear(node._on_map, map_info('another map', stamp(70)))
+    node._backlog.before(node._on_map)(DiagnosticArray())  # a message that makes trouble
+    client.wait_for(lambda: not node._backlog.is_waiting)
+    node._on_map(map_info('another map', stamp(70)))
     assert f'{path} is not the map that vpr_node uses' in node._state(node._graph.counts)[1]
     drive(node, 72, 73)
     assert node._graph.correction is None and not node._graph.known
@@ -382,7 +425,7 @@ def test_a_covariance_that_is_not_finite_is_left_out_and_reported(graph_node, mo
     for step in range(3):
         message = odometry(step)
         message.pose.covariance[0] = math.inf
-        node._on_odometry(message)
+        node._odometry.hear(message)
     (line,) = {call.args[0] for call in node.get_logger().warning.call_args_list}
     assert 'a covariance of inf m2 and 0 rad2 is left out' in line
     assert len(node._graph.running.keyframes) == 3
@@ -395,7 +438,7 @@ def test_an_odometry_reset_and_a_backward_clock_jump_are_reported(graph_node, mo
     drive(node, last=30)
     jumped = odometry(31)
     jumped.pose.pose.position.x += 500.0
-    node._on_odometry(jumped)
+    node._odometry.hear(jumped)
     drive(node, 0, 5)
     lines = [call.args[0] for call in node.get_logger().warning.call_args_list]
     assert lines[0].startswith('odometry was reset')

@@ -9,8 +9,9 @@ from unittest.mock import Mock
 
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.node.conversions import stamp_from_ns
-from convseq_ros.node.inputs import odometry_listener
 from convseq_ros.node.inputs.camera_mount import Mount
+from convseq_ros.node.inputs.following_subscription import FollowingSubscription
+from convseq_ros.node.inputs.odometry_listener import OdometryListener
 from convseq_ros.node.qos import LATCHED
 from convseq_ros.sources.mount import OdometryFrame
 from nav_msgs.msg import Odometry
@@ -109,14 +110,13 @@ class Tracked:
     """An OdometryListener that hears what the test says, without a graph."""
 
     def __init__(self, monkeypatch, wait_s=0.05, publishers=1):
-        self.subscription = Mock()
-        monkeypatch.setattr(odometry_listener, 'FollowingSubscription', self.subscription)
+        monkeypatch.setattr(FollowingSubscription, 'start', lambda _self: None)
         self.node = Mock()
         self.node.count_publishers.return_value = publishers
         self.bases = {}  # poses of the base in other frames
         frame = OdometryFrame('base_link', self.bases.get)
-        self.odometry = odometry_listener.OdometryListener(self.node, wait_s, frame)
-        self.hear = self.subscription.call_args.args[3]
+        self.odometry = OdometryListener(self.node, wait_s, frame)
+        self.hear = self.odometry._subscription.hear
 
     def wait_for_pose(self, stamp_ns):
         """Ask for a pose in a thread; return it, and what it is going to find."""

@@ -6,7 +6,13 @@ from typing import Any
 
 from convseq_ros.core.types import Pose
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.sources.mount import as_parameter, mount_of, pose_of_transform, problem_of_lens
+from convseq_ros.sources.mount import (
+    as_parameter,
+    mount_of,
+    OdometryFrame,
+    pose_of_transform,
+    problem_of_lens,
+)
 from rclpy.node import Node
 from rclpy.time import Time
 
@@ -45,6 +51,11 @@ class Mount:
         # A way of static transforms alone has no time.
         is_static = not stamp_to_ns(stamped.header.stamp)
         return pose_of_transform(stamped.transform) if is_static else None
+
+    def odometry_frame(self) -> OdometryFrame:
+        """Return what carries poses of odometry to the base."""
+        tell = self._logger.info
+        return OdometryFrame(self._base_frame, self.base_in, lambda line: tell(f'odom: {line}'))
 
     def _told(self, lens: Pose, frame: str) -> Pose | None:
         """Return the mount of a lens, and tell it; None if its frame is no optical one."""

@@ -10,7 +10,6 @@ from convseq_ros.node.inputs.camera_description import CameraDescription
 from convseq_ros.node.inputs.camera_mount import Mount
 from convseq_ros.node.inputs.listener import ListeningNode
 from convseq_ros.node.inputs.odometry_listener import OdometryListener
-from convseq_ros.sources.mount import OdometryFrame
 from convseq_ros.sources.topic_rank import camera_info_beside
 
 
@@ -19,9 +18,7 @@ class FrameContext:
 
     def __init__(self, node: ListeningNode, config: NodeConfig, topics: Sequence[str]) -> None:
         mount = Mount(node, config.base_frame)
-        tell = node.get_logger().info
-        frame = OdometryFrame(config.base_frame, mount.base_in, lambda line: tell(f'odom: {line}'))
-        self.odometry = OdometryListener(node, config.odom_wait_s, frame)
+        self.odometry = OdometryListener(node, config.odom_wait_s, mount.odometry_frame())
         infos = {'': 'camera_info'}
         if len(topics) > 1:
             infos = {topic: camera_info_beside(topic) for topic in topics}

@@ -3,21 +3,17 @@
 """The pose of the robot at the time of an image, by odometry."""
 
 from collections.abc import Callable
-from typing import Any
 
 from convseq_ros.core.types import Pose
-from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.node.inputs.following_subscription import FollowingSubscription
 from convseq_ros.node.inputs.listener import ListeningNode
 from convseq_ros.node.inputs.missing import Missing
+from convseq_ros.node.inputs.odometry_subscription import OdometrySubscription
 from convseq_ros.node.inputs.waiting import Waiting
 from convseq_ros.sources.mount import OdometryFrame
-from convseq_ros.sources.pose_track import LONGEST_GAP_NS, odometry_from_message, PoseTrack
-from nav_msgs.msg import Odometry as OdometryMessage
+from convseq_ros.sources.pose_track import LONGEST_GAP_NS, PoseTrack
 
 _DEPTH = 200  # messages of odometry that may wait
 _KEPT = 20_000
-_TF_WAIT_NS = 3_000_000_000  # in which TF may still come
 
 
 class OdometryListener:
@@ -31,15 +27,12 @@ class OdometryListener:
 
     def __init__(self, node: ListeningNode, wait_s: float, frame: OdometryFrame) -> None:
         self.frame_id = ''
-        self._frame, self._uncarried_ns = frame, 0
         self.missing = Missing(node.get_logger())
         self._on_pose: Callable[[int, str], None] = lambda _stamp_ns, _frame_id: None
         self._node = node
         self._track = PoseTrack(kept=_KEPT)
         self.waiting = Waiting(wait_s)
-        self._subscription = FollowingSubscription(
-            node, OdometryMessage, 'odom', self._on_odometry, _DEPTH
-        )
+        self._subscription = OdometrySubscription(node, frame, self._on_odometry, _DEPTH)
 
     def tell(self, on_pose: Callable[[int, str], None]) -> None:
         """Call `on_pose` with the stamp and the frame of each pose from now on."""
@@ -81,28 +74,12 @@ class OdometryListener:
         last_ns = self._track.last_stamp_ns
         return last_ns is not None and not 0 < stamp_ns - last_ns <= LONGEST_GAP_NS
 
-    def _on_odometry(self, message: Any) -> None:
-        stamp_ns = stamp_to_ns(message.header.stamp)
-        pose = odometry_from_message(message)
-        if not stamp_ns or pose is None:
-            self._node.get_logger().warning(
-                f'{self.topic}: odometry without a stamp, or with values that are '
-                'not a pose, is left out',
-                once=True,
-            )
-            return
-        pose = self._frame.carried(pose, message.child_frame_id)
-        if pose is None:
-            self._uncarried_ns = self._uncarried_ns or stamp_ns
-            if stamp_ns - self._uncarried_ns >= _TF_WAIT_NS:
-                line = self._frame.problem(message.child_frame_id)
-                self._node.get_logger().warning(f'{self.topic}: {line}', once=True)
-            return
+    def _on_odometry(self, stamp_ns: int, pose: Pose, frame_id: str) -> None:
         with self.waiting.changed:
-            self.frame_id = message.header.frame_id
+            self.frame_id = frame_id
             self._track.add(stamp_ns, pose)
             problem = self._track.problem
             self.waiting.notify()
         if problem:
             self._node.get_logger().warning(f'{self.topic}: {problem}', once=True)
-        self._on_pose(stamp_ns, message.header.frame_id)
+        self._on_pose(stamp_ns, frame_id)
