@@ -138,8 +138,8 @@ class PoseGraph:
             return None
         return np.asarray(self._move @ self.running.bridge)
 
-    def problem(self) -> Problem | None:
-        """Return what is to be solved; None if there is nothing new."""
+    def problem(self, again: bool = False) -> Problem | None:
+        """Return what is to be solved; None if there is nothing new, unless it is solved again."""
         unplaced = [one for one in self.known.values() if one.edge is None]
         for one in unplaced[: -LIVE.most_waiting]:
             self.without_place += one.kept is None
@@ -148,7 +148,7 @@ class PoseGraph:
             return None
         waiting = [one for one in self.known.values() if one.edge is None and one.kept is None]
         found = [(one, places) for one in waiting if (places := self._places(one))]
-        if not found and self._carried.breaks().keys() == self.running.breaks:
+        if not (again or found or self.is_breaking):
             return None
         self.nodes = self.nodes or {_MAP: np.eye(4)}
         stored = set[int]() if self._nodes else {*self.nodes}
@@ -158,13 +158,19 @@ class PoseGraph:
         ends = [(one.edge.end, one) for one, _ in found if one.edge]
         for _, one in sorted(ends, key=lambda end: end[0]):
             self._carried.add(one)
-        self._loosen()
+        if not again:
+            self._loosen()
         links = [one for one in self.known.values() if one.edge]
         held = {self._first(drive): LIVE.loose for drive in self.drives}
         if self.earlier or not any(one.edge and one.edge.start == _MAP for one in links):
             held[1] = ROBUST.held
         held[_MAP], first = ROBUST.held, self._first(self.running)
         return Problem(new, self.poses, [*self._steps], links, held, first, self._solver)
+
+    @property
+    def is_breaking(self) -> bool:
+        """Whether closures say that odometry breaks elsewhere than it was loosened."""
+        return self._carried.breaks().keys() != self.running.breaks
 
     def _loosen(self) -> None:
         """Let odometry break where closures say so, and nowhere else; such a graph is new."""

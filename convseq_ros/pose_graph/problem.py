@@ -3,13 +3,13 @@
 """What is solved of a growing pose graph at a time."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from convseq_ros.core.rigid import Matrix
 from convseq_ros.pose_graph.alignment import agreed
 from convseq_ros.pose_graph.closures import Known
 from convseq_ros.pose_graph.edges import Edge
-from convseq_ros.pose_graph.optimisation import Solution
+from convseq_ros.pose_graph.optimisation import ROBUST, Solution
 from convseq_ros.pose_graph.solver import Solver
 
 
@@ -30,6 +30,16 @@ class Problem:
         edges = [one.edge for one in self.links if one.edge]
         solution = self.solver.extended(self.new, self.steps, edges, self.held)
         return solution or self.solver.anew(self._aligned(edges), self.steps, edges, self.held)
+
+    def of_drive(self) -> 'Problem':
+        """Return it for the running drive alone: earlier ones stay where they are."""
+        first, poses = self.first, self.poses()
+        links = [one for one in self.links if one.edge and one.edge.end >= first]
+        starts = {one.edge.start for one in links if one.edge and one.edge.start < first}
+        held = {at: ROBUST.held for at in starts} | {first: self.held[first]}
+        nodes = {at: pose for at, pose in poses.items() if at >= first or at in starts}
+        steps = [step for step in self.steps if step.start >= first]
+        return replace(self, poses=lambda: nodes, steps=steps, links=links, held=held)
 
     def _aligned(self, edges: list[Edge]) -> dict[int, Matrix]:
         """Return the poses, with the running drive where most links with earlier drives see it."""

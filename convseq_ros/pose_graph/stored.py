@@ -30,6 +30,7 @@ def graph_of(stored: ReferenceMap, config: PoseGraphConfig) -> PoseGraph:
     driven = {keyframe.session_id for keyframe in keyframes}
     places = {anchor: at for at, anchor in enumerate(_anchors(stored))}
     graph = PoseGraph(config, in_map=any(one.session_id not in driven for one in places))
+    is_whole = False
     for session, drive in groupby(keyframes, attrgetter('session_id')):
         graph.pause()
         ends = list[tuple[Keyframe, Anchor, RelativePose | None]]()
@@ -47,12 +48,26 @@ def graph_of(stored: ReferenceMap, config: PoseGraphConfig) -> PoseGraph:
                 there = matrix(stored.places[at].pose)
                 spread = composed_covariance(there, np.zeros((6, 6)), moved, covariance)
                 graph.add_pose(keyframe.stamp_ns, there @ moved, spread)
-        for _ in range(_MOST_SOLUTIONS):
-            if problem := graph.problem():
-                graph.adopt(problem, problem.solve())
+        if problem := graph.problem():
+            problem = problem.of_drive()
+            graph.adopt(problem, problem.solve())
+        is_whole = _solve_breaks(graph)
+    if not is_whole and (problem := graph.problem(again=True)):
+        graph.adopt(problem, problem.solve())
+        _solve_breaks(graph)
     graph.pause()
     graph.without_place = graph.twice = graph.restarts = 0
     return graph
+
+
+def _solve_breaks(graph: PoseGraph) -> bool:
+    """Solve all drives if closures say that odometry breaks; return whether they do."""
+    if not graph.is_breaking:
+        return False
+    for again in (True, *[False] * _MOST_SOLUTIONS):
+        if problem := graph.problem(again):
+            graph.adopt(problem, problem.solve())
+    return True
 
 
 def _anchors(stored: ReferenceMap) -> Iterator[Anchor]:
