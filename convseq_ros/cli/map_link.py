@@ -24,10 +24,9 @@ from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import MapError, printable
 from convseq_ros.io.output_file import ANY, FIGURE
 from convseq_ros.io.regular_file import write_lines
-from convseq_ros.pose_graph.alignment import align_sessions
-from convseq_ros.pose_graph.edges import edges_of, Poses
+from convseq_ros.pose_graph.edges import Poses
 from convseq_ros.pose_graph.lines import tum, write_g2o
-from convseq_ros.pose_graph.optimisation import optimise
+from convseq_ros.pose_graph.stored import solved
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +35,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
     help_ = 'replace all links by new ones, but for those that `unlink` took out'
     parser.add_argument('--again', action='store_true', help=help_)
     add = parser.add_argument
-    add_output(parser, '--g2o', metavar='FILE', help='write the graph of poses')
+    help_ = 'write the solved graph of poses, and FILE.csv with the times of its vertices'
+    add_output(parser, '--g2o', metavar='FILE', help=help_)
     help_ = 'write a map whose poses are in one frame'
     add_output(parser, '-o', '--output', kinds=ANY, metavar='MAP', help=help_)
     help_ = 'draw the drives before and after'
@@ -78,34 +78,32 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
         refuse_existing(chosen.output)
     slices, links = sessions_of(chosen.map, linked), [*linked.links.each()]
     _report(slices, links, chosen.json)
-    poses = {at: matrix(place.pose) for at, place in enumerate(linked.places) if place.pose}
-    session = [place.session for place in linked.places]
-    edges = [*edges_of(poses, session, links)]
+    if not (chosen.g2o or chosen.output or chosen.picture or chosen.tum):
+        return
+    graph = solved(linked)
     if chosen.g2o:
-        stamps_ns = {at: place.stamp_ns for at, place in enumerate(linked.places)}
-        write_g2o(chosen.g2o, poses, edges, stamps_ns)
+        write_g2o(chosen.g2o, graph.vertices, graph.edges, graph.stamps_ns)
     if not (chosen.output or chosen.picture or chosen.tum):
         return
-    start = align_sessions(poses, session, edges)
     if not links:
         raise MapError(
             f'{chosen.map}: no place was passed twice, so there is no link; add another drive: '
             'convseq build-map RECORDING MAP --append'
         )
-    if not start:
+    if not (after := graph.places):
         raise MapError(
             f'{chosen.map}: no link is measured in metres; that needs a map built with --odom '
             'and --camera-info'
         )
-    after = optimise(edges, start).poses
     if chosen.tum:
         stamped = ((linked.places[at].stamp_ns, pose_of(pose)) for at, pose in after.items())
         write_lines(chosen.tum, tum(stamped))
     if chosen.picture:
-        draw_solved(chosen.picture, linked, poses, after)
+        before = {at: matrix(place.pose) for at, place in enumerate(linked.places) if place.pose}
+        draw_solved(chosen.picture, linked, before, after)
         print(f'{chosen.picture}: drawn', file=sys.stderr)
     if chosen.output:
-        first = linked.sessions[session[min(after)]]
+        first = linked.sessions[linked.places.session(min(after))]
         frame = first.frame or f'linked {linked.map_id}'
         moved = [_moved(part, after, frame) for part in slices]
         write_new(joined(moved), chosen.output, map_progress(chosen.output))

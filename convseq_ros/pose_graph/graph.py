@@ -335,6 +335,18 @@ class PoseGraph:
         edges += (edge for edge in kept if edge.start in poses)
         return poses, edges, stamps_ns
 
+    @property
+    def linked(self) -> list[Odometry]:
+        """The drives that closures bring into one frame, that of the first one that has any."""
+        drives = self.drives
+        firsts = [self._first(drive) for drive in drives]
+        kept = [one.edge for one in self.known.values() if one.edge and one.kept]
+        pairs = [[bisect_right(firsts, end) - 1 for end in edge.ends] for edge in kept]
+        found = {min(map(min, pairs))} if pairs else set[int]()
+        while more := [pair for pair in pairs if found & {*pair} and not found >= {*pair}]:
+            found.update(*more)
+        return [drives[number] for number in sorted(found)]
+
     def _first(self, drive: Odometry) -> int:
         """Return the node of a drive's first keyframe."""
         drives = self.drives

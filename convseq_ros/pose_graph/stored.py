@@ -2,19 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pose graph of a map: its drives with odometry, and their closures."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from itertools import groupby
 from operator import attrgetter
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.core.graph.trail import Keyframe
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.rigid import composed_covariance, matrix
+from convseq_ros.core.rigid import composed_covariance, Matrix, matrix
 from convseq_ros.core.types import Anchor, RelativePose
 from convseq_ros.pose_graph.closures import Closure, told, usable
+from convseq_ros.pose_graph.edges import Edge
 from convseq_ros.pose_graph.graph import PoseGraph
 import numpy as np
 
+_PAUSE_S = 10**8
 _MOST_SOLUTIONS = 10  # of a drive: each may break odometry elsewhere
 
 
@@ -58,6 +61,60 @@ def graph_of(stored: ReferenceMap, config: PoseGraphConfig) -> PoseGraph:
     graph.pause()
     graph.without_place = graph.twice = graph.restarts = 0
     return graph
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SolvedMap:
+    """The graph of a map, as `write_g2o` takes it, and the corrected poses of places."""
+
+    vertices: dict[int, Matrix]  # (4, 4)
+    edges: list[Edge]
+    stamps_ns: dict[int, int]  # of the vertices
+    places: dict[int, Matrix]  # (4, 4), by index, of the drives that closures bring into one frame
+
+
+def solved(stored: ReferenceMap) -> SolvedMap:
+    """
+    Return a map's graph, solved as `graph_of` does, where all drives are by odometry.
+
+    Where a drive has poses and no trail, the places with poses make the drives, and their links
+    the closures. ConvseqError if GTSAM is not installed.
+    """
+    posed = [at for at in range(len(stored.places)) if stored.places.position(at)]
+    ids = [session.id for session in stored.sessions]
+    session = {at: ids[stored.places.session(at)] for at in posed}
+    stamps_ns = {at: stored.places[at].stamp_ns for at in posed}
+    times, config = stamps_ns, PoseGraphConfig()
+    if {*session.values()} - {one.session_id for one in stored.trail.since(0)}:
+        # Some have no real times: a second from place to place, and a long pause between drives.
+        times = {at: (at + (1 + stored.places.session(at)) * _PAUSE_S) * 10**9 for at in posed}
+        stored, config = _by_places(stored, session, times), PoseGraphConfig(graph_spacing_m=0.01)
+    graph = graph_of(stored, config)
+    places = dict[int, Matrix]()
+    for drive in graph.linked:
+        keyframes = graph.corrected(drive)
+        for at in posed:
+            if session[at] in drive.sessions and (found := drive.place(times[at])):
+                places[at] = keyframes[found[0]] @ found[1]
+    vertices, edges, vertex_times = graph.whole()
+    real = {time: stamps_ns[at] for at, time in times.items()}
+    stamps = {vertex: real.get(time, time) for vertex, time in vertex_times.items()}
+    return SolvedMap(vertices, edges, stamps, dict(sorted(places.items())))
+
+
+def _by_places(
+    stored: ReferenceMap, session: Mapping[int, str], times: Mapping[int, int]
+) -> ReferenceMap:
+    """Return a map with a trail that places with poses and links with a position make."""
+    made = ReferenceMap(sessions=stored.sessions)
+    for at, time in times.items():
+        link, pose, end = stored.links.details(at), stored.places[at].pose, None
+        relative = link.relative if link else None
+        assert pose
+        if link and relative and relative.pose and link.other in times:
+            end = Anchor(session[link.other], times[link.other])
+        made.trail.add(Keyframe(session[at], time, pose, end, relative if end else None))
+    return made
 
 
 def _solve_breaks(graph: PoseGraph) -> bool:

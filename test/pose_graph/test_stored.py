@@ -11,7 +11,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import inverse, Matrix, pose_of
 from convseq_ros.core.types import Anchor, Pose, RelativePose
 from convseq_ros.pose_graph.graph import PoseGraph
-from convseq_ros.pose_graph.stored import graph_of
+from convseq_ros.pose_graph.stored import graph_of, solved
 import numpy as np
 import pytest
 from squares import closure, DRIFTED, driven, LAP, MEASURED, pose, RIGHT, SECOND, stamp, TRUE
@@ -175,6 +175,30 @@ def test_a_drive_with_poses_of_a_file_is_where_they_are():
     empty = graph_of(_without_trail(made), CONFIG)
     empty.add_odometry(stamp(0) + 2 * NEXT_DAY, DRIFTED[0])
     assert empty.correction is None
+
+
+def test_the_solved_map_is_the_graph_of_the_node_and_has_the_poses_of_places():
+    made = ReferenceMap()
+    for step in range(3, len(DRIFTED), 7):
+        made.sessions or made.begin_session(stamp(0))
+        place(made, stamp(step), pose_of(DRIFTED[step]))
+    made.sessions.clear()
+    add_drive(made, DRIFTED, right(LAP))
+    made.begin_session(NEXT_DAY)  # never meets the first
+    alone = place(made, stamp(0) + NEXT_DAY, pose_of(TRUE[0]))
+    for at in (0, 1):
+        elsewhere = replace(pose_of(TRUE[at]), variances=(0.0, 0.0))
+        made.trail.add(Keyframe(made.sessions[1].id, stamp(at) + NEXT_DAY, elsewhere))
+    found = solved(made)
+    vertices, edges, stamps_ns = graph_of(made, PoseGraphConfig()).whole()
+    assert found.vertices.keys() == vertices.keys() and found.stamps_ns == stamps_ns
+    assert len(found.edges) == len(edges)
+    assert all(np.allclose(found.vertices[at], vertices[at], atol=1e-6) for at in vertices)
+    assert [*found.places] == [*range(alone)]
+    for at, step in enumerate(range(3, len(DRIFTED), 7)):  # by odometry since the vertex before
+        vertex = max(one for one, time in stamps_ns.items() if time <= stamp(step))
+        since = inverse(DRIFTED[(stamps_ns[vertex] - stamp(0)) * 5 // SECOND]) @ DRIFTED[step]
+        assert np.allclose(found.places[at], vertices[vertex] @ since, atol=1e-6)
 
 
 def _without_trail(made: ReferenceMap) -> ReferenceMap:
