@@ -33,7 +33,7 @@ def graph_of(stored: ReferenceMap, config: PoseGraphConfig) -> PoseGraph:
     driven = {keyframe.session_id for keyframe in keyframes}
     places = {anchor: at for at, anchor in enumerate(_anchors(stored))}
     graph = PoseGraph(config, in_map=any(one.session_id not in driven for one in places))
-    is_whole = False
+    is_whole = True
     for session, drive in groupby(keyframes, attrgetter('session_id')):
         graph.pause()
         ends = list[tuple[Keyframe, Anchor, RelativePose | None]]()
@@ -52,9 +52,9 @@ def graph_of(stored: ReferenceMap, config: PoseGraphConfig) -> PoseGraph:
                 spread = composed_covariance(there, np.zeros((6, 6)), moved, covariance)
                 graph.add_pose(keyframe.stamp_ns, there @ moved, spread)
         if problem := graph.problem():
-            problem = problem.of_drive()
+            problem = problem.of_drive() if graph.earlier else problem
             graph.adopt(problem, problem.solve())
-        is_whole = _solve_breaks(graph)
+        is_whole = _solve_breaks(graph) or not graph.earlier
     if not is_whole and (problem := graph.problem(again=True)):
         graph.adopt(problem, problem.solve())
         _solve_breaks(graph)

@@ -10,6 +10,7 @@ from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import inverse, Matrix, pose_of
 from convseq_ros.core.types import Anchor, Pose, RelativePose
+from convseq_ros.pose_graph import solver
 from convseq_ros.pose_graph.graph import PoseGraph
 from convseq_ros.pose_graph.stored import graph_of, solved
 import numpy as np
@@ -139,6 +140,24 @@ def test_drives_of_several_days_are_in_one_frame(stored):
     graph.add_odometry(stamp(37) + NEXT_DAY, there @ DRIFTED[37])
     end = graph.correction @ there @ DRIFTED[37]
     assert np.allclose(end, graph.corrected(first)[37], atol=0.3)
+
+
+def test_a_map_of_several_days_is_solved_as_a_whole_once(stored, monkeypatch):
+    """All days at each would take the square of the time."""
+    for day in (1, 2):
+        ends = [(step, step, np.eye(4)) for step in (5, 15, 25, 35)]
+        add_drive(stored, [pose(30.0) @ at for at in DRIFTED[:37]], ends, after_ns=day * NEXT_DAY)
+    sizes, solve = [], solver.optimise
+    monkeypatch.setattr(
+        solver,
+        'optimise',
+        lambda edges, start, held: sizes.append(len(start)) or solve(edges, start, held),
+    )
+    graph = graph_of(stored, CONFIG)
+    first, own = len(DRIFTED) - 20, 37
+    # The origin of the map, the keyframes of a day, and the places of its closures.
+    assert sizes == [1 + first, own + 4, own + 4, 1 + first + 2 * own]
+    assert graph.counts['kept'] == 12 + 8 and not graph.problem()
 
 
 def place(made: ReferenceMap, stamp_ns: int, at: Pose | None = None) -> int:
