@@ -42,7 +42,8 @@ class Known:
     edge: Edge | None = None  # None while one of its places is not known
     kept: bool | None = None  # whether the solution agrees; None before it is solved
     error: float = 0.0  # in standard deviations
-    apart_m: float = 0.0  # distance between the measured and the corrected position
+    apart_m: float = 0.0  # between the measured and the corrected pose, ...
+    apart_rad: float = 0.0
 
 
 def told(relative: RelativePose | None) -> tuple[Pose, Matrix]:

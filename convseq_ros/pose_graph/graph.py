@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, takewhile
 import math
-from operator import not_
 from typing import Any
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
-from convseq_ros.core.rigid import inverse, Matrix
+from convseq_ros.core.rigid import angle, inverse, Matrix, moved_covariance
 from convseq_ros.core.types import constants
 from convseq_ros.pose_graph.carried import Carried
 from convseq_ros.pose_graph.closures import Closure, Known
@@ -69,6 +68,8 @@ class PoseGraph:
         # Whether the running drive is in the frame of the map.
         self._is_aligned = not (self.earlier or self.in_map)
         self._move = np.eye(4)  # correction of its newest keyframe
+        # The keyframe that was solved last, and its covariance (6, 6), in its axes.
+        self._solved, self._spread = 0, np.zeros((6, 6))
         self._nodes: list[int] = []  # ascending
         self._steps: list[Edge] = []
         self._solver = Solver()
@@ -137,6 +138,26 @@ class PoseGraph:
         if self._is_paused or not (self._is_aligned and self.running.keyframes):
             return None
         return np.asarray(self._move @ self.running.bridge)
+
+    @property
+    def sigmas(self) -> tuple[float, float]:
+        """
+        The standard deviations of where the correction has the robot now, metres and radians.
+
+        They are of the last solution, of what was driven since, and of what the newest closure
+        contradicts if it is refused; infinite while the correction is unknown.
+        """
+        if self.correction is None:
+            return math.inf, math.inf
+        moved, since = self.running.since(self._solved)
+        variances = moved_covariance(self._spread, moved) + since
+        metres2, radians2 = (
+            float(np.linalg.eigvalsh(variances[part, part]).max())
+            for part in (slice(0, 3), slice(3, 6))
+        )
+        for one in self._refused[:1]:
+            metres2, radians2 = metres2 + one.apart_m**2, radians2 + one.apart_rad**2
+        return math.sqrt(metres2), math.sqrt(radians2)
 
     def problem(self, again: bool = False) -> Problem | None:
         """Return what is to be solved; None if there is nothing new, unless it is solved again."""
@@ -244,13 +265,17 @@ class PoseGraph:
                     changed.append(one)
                 one.kept = kept
                 there = solution.pose(edge.start) @ edge.moved
-                one.apart_m = math.dist(there[:3, 3], solution.pose(edge.end)[:3, 3])
+                off = inverse(there) @ solution.pose(edge.end)
+                one.apart_m = float(np.linalg.norm(off[:3, 3]))
+                one.apart_rad = angle(off[:3, :3])
         ends = [one.edge for one in problem.links if one.edge and one.kept]
         outside = sum(edge.end >= first > edge.start for edge in ends)
         self._is_aligned |= outside >= LIVE.agreeing
         self._solution = solution
         if (node := self._nodes[-1]) >= first:
             self._move = solution.pose(node) @ inverse(self.running.keyframe(node - first))
+            if solution.spread is not None:
+                self._solved, self._spread = node - first, solution.spread
         return changed
 
     def corrected(self, drive: Odometry, numbers: Sequence[int] | None = None) -> Matrix:
@@ -293,6 +318,7 @@ class PoseGraph:
         solved = [one for one in self.known.values() if one.edge and one.kept is not None]
         kept = [one for one in solved if one.kept]
         keyframes = sum(len(drive.keyframes) for drive in self.drives)
+        metres, radians = self.sigmas
         return {
             'keyframes': len(self.running.keyframes),
             'edges': max(0, keyframes - len(self.drives)) + len(kept),
@@ -307,17 +333,26 @@ class PoseGraph:
             'contradicting': self.contradicting,
             'largest_residual': max((one.error for one in kept), default=0.0),
             'in_map': self._is_aligned,
+            'map_to_odom_sigma_m': metres,
+            'map_to_odom_sigma_rad': radians,
         }
 
     @property
     def contradicting(self) -> int:
         """How many of the newest closures in a row are refused."""
-        first, verdicts = self._first(self.running), list[tuple[int, bool]]()
-        for one in self.known.values():
-            if one.edge and one.kept is not None and one.edge.end >= first:
-                verdicts.append((one.closure.query_ns, one.kept))
-        newest = (kept for _, kept in sorted(verdicts, reverse=True))
-        return sum(1 for _ in takewhile(not_, newest))
+        return len(self._refused)
+
+    @property
+    def _refused(self) -> list[Known]:
+        """The newest closures, newest first, up to one that is kept."""
+        first = self._first(self.running)
+        solved = [
+            one
+            for one in self.known.values()
+            if one.edge and one.kept is not None and one.edge.end >= first
+        ]
+        solved.sort(key=lambda one: one.closure.query_ns, reverse=True)
+        return [*takewhile(lambda one: not one.kept, solved)]
 
     def lose(self) -> None:
         """Take note that the robot is lost: its odometry may break here."""

@@ -162,6 +162,18 @@ class Odometry:
         number = bisect_right(self.keyframes, sample) - 1
         return number, inverse(self.keyframe(number)) @ pose
 
+    def since(self, number: int) -> tuple[Matrix, Matrix]:
+        """Return the motion (3,) from a keyframe until now, in its axes, and its covariance."""
+        start = self.keyframe(number)
+        grown = np.diff(self.variances()[number:], axis=0)
+        places = np.array([self.keyframe(at)[:3, 3] for at in range(number, len(self.keyframes))])
+        arms_m = self._newest[:3, 3] - places[:-1]  # on which an error of a heading acts
+        metres2, radians2 = grown.sum(axis=0).tolist()
+        metres2 += float(grown[:, 1] @ (arms_m**2).sum(axis=1))
+        metres2 += self._config.odometry_sigma_m**2 * self._distance_m
+        radians2 += self._config.odometry_sigma_rad**2 * self._distance_m
+        return inverse(start)[:3] @ self._newest[:, 3], np.diag([metres2] * 3 + [radians2] * 3)
+
     def keyframe(self, number: int) -> Matrix:
         """Return the pose (4, 4) of a keyframe."""
         return self.poses[self.keyframes[number]]

@@ -33,6 +33,7 @@ class Solution:
     kept: tuple[bool, ...]
     errors: tuple[float, ...]  # in standard deviations
     whole: Callable[[], Any] | None = None  # returns all poses
+    spread: Matrix | None = None  # (6, 6), covariance of the newest pose, in its axes
 
     def pose(self, index: int) -> Matrix:
         """Return one pose (4, 4)."""

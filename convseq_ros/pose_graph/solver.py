@@ -4,6 +4,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 import math
 from threading import Lock
 from typing import Any
@@ -54,6 +55,7 @@ class Solver:
         self._errors = dict[Edge, float]()  # of links, when they were reviewed last
         self._all: Any = None  # the poses, when they were computed last
         self._changing = Lock()
+        self._newest = 0  # pose
         self._turn = 0  # of the next link to review
         self._refused, self._doubted = set[Edge](), set[Edge]()
 
@@ -75,6 +77,7 @@ class Solver:
                     far.append(link)
                 else:
                     graph.add(self._factor(link))
+            self._newest = max([self._newest, *new])
             with self._changing:
                 self._isam.update(graph, values_of(new))
                 if far:
@@ -91,7 +94,7 @@ class Solver:
             return None
         kept = tuple(link not in self._refused for link in links)
         errors = tuple(self._errors[link] for link in links)
-        return Solution(values, kept, errors, self._whole)
+        return Solution(values, kept, errors, self._whole, self._spread())
 
     def _turns(self, links: Sequence[Edge]) -> list[Edge]:
         """Return the links whose turn it is to be reviewed."""
@@ -177,8 +180,16 @@ class Solver:
         with self._changing:
             self._isam, self._all = isam, solution.values
         self._held, self._steps, self._doubted = held, len(steps), set()
+        self._newest = max(poses)
         self._errors = dict(zip(links, solution.errors, strict=True))
-        return solution
+        return replace(solution, spread=self._spread())
+
+    def _spread(self) -> Matrix | None:
+        """Return the covariance (6, 6) of the newest pose; None where GTSAM has none."""
+        with self._changing, suppress(RuntimeError, LookupError, ValueError):
+            covariance = self._isam.marginalCovariance(self._newest)
+            return np.roll(covariance, (3, 3), (0, 1))  # GTSAM has turns first
+        return None
 
     def _factor(self, link: Edge) -> Any:
         if link not in self._factors:

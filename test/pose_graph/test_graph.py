@@ -8,6 +8,7 @@ from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.core.rigid import inverse
 from convseq_ros.core.types import UNKNOWN_M2
 from convseq_ros.pose_graph.closures import Closure
+from convseq_ros.pose_graph.edges import EDGE
 from convseq_ros.pose_graph.graph import PoseGraph
 import numpy as np
 import pytest
@@ -212,6 +213,50 @@ def test_a_place_of_the_map_moves_the_drive_into_the_frame_of_the_map():
         graph.add_closure(closure(step, 3, session='earlier'))
     solve(graph)
     assert np.allclose(graph.correction, there, atol=0.2)
+
+
+def out_and_back(graph: PoseGraph, length_m: int) -> PoseGraph:
+    there = [pose(float(x)) for x in range(length_m + 1)]
+    return driven([*there, *there[-2::-1]], graph)  # in reverse gear
+
+
+def test_the_sigma_of_the_correction_grows_as_odometry_has_it():
+    config = PoseGraphConfig(graph_spacing_m=0.9)
+    variance, turn = config.odometry_sigma_m**2, config.odometry_sigma_rad**2
+    straight = driven([pose(float(x)) for x in range(101)], PoseGraph(config))
+    # A heading error moves the end aside by its distance from there: the integral of squares.
+    assert straight.sigmas == pytest.approx(
+        (math.sqrt(100 * variance + turn * 100**3 / 3), math.sqrt(100 * turn)), rel=0.02
+    )
+    returned = out_and_back(PoseGraph(config), 50)
+    expected_m = math.sqrt(100 * variance + 2 * turn * 50**3 / 3)
+    assert returned.sigmas[0] == pytest.approx(expected_m, rel=0.03)
+    # Also between two keyframes.
+    coarse = driven([pose(float(x)) for x in range(5)], PoseGraph(PoseGraphConfig()))
+    coarse.add_odometry(stamp(5), pose(5.0))
+    assert coarse.sigmas[1] == pytest.approx(math.sqrt(5 * turn))
+
+
+def test_a_closure_makes_the_sigma_as_small_as_its_own_and_a_contradiction_as_large_as_it_is():
+    config = PoseGraphConfig(graph_spacing_m=0.9)
+    graph = out_and_back(PoseGraph(config), 50)
+    solve(graph, closure(100, 0, np.eye(4)))
+    own_m, own_rad = math.sqrt(0.01 + EDGE.finest_m**2), math.sqrt(1e-4 + EDGE.finest_rad**2)
+    assert graph.sigmas == pytest.approx((own_m, own_rad), rel=0.1)
+    assert graph.counts['map_to_odom_sigma_m'] == graph.sigmas[0]
+    # It goes on 10 m, and the arm of the heading with it.
+    driven([pose(-float(x)) for x in range(1, 11)], graph, 101)
+    grown_m2 = own_m**2 + (10 * own_rad) ** 2
+    grown_m2 += 10 * config.odometry_sigma_m**2 + config.odometry_sigma_rad**2 * 10**3 / 3
+    assert graph.sigmas[0] == pytest.approx(math.sqrt(grown_m2), rel=0.1)
+    assert solve(graph, closure(110, 5, pose(40.0, 0.0, 1.0))) == [False]
+    assert graph.sigmas[0] == pytest.approx(55, rel=0.02)
+    assert graph.sigmas[1] == pytest.approx(1.0, rel=0.02)
+
+
+def test_the_sigma_of_a_drive_that_is_nowhere_yet_is_infinite():
+    graph = driven(DRIFTED, PoseGraph(in_map=True))
+    assert graph.sigmas == (math.inf, math.inf)
 
 
 def test_a_clock_that_goes_back_begins_the_graph_anew():
