@@ -33,7 +33,7 @@ RELATIVE = RelativePose((0, 0, 0, 1), (0.5, 0, 0), None, np.eye(6), 12, True)
 
 
 def keyframe(number: int, session: str, **known: object) -> Keyframe:
-    at = Pose((number / 3, -0.0, 1.0), (0.0, 0.0, 0.0, 1.0), (0.1, math.nan))
+    at = Pose((np.float64(number / 3), -0.0, 1.0), (0.0, 0.0, 0.0, 1.0), (0.1, math.nan))
     return Keyframe(session, number * SECOND, at, **known)
 
 

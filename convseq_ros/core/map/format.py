@@ -232,11 +232,13 @@ def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> Halves:
 
 def keyframe_row(one: Keyframe) -> Row:
     """Return the row of the table `keyframes`, without its number."""
-    told = [value + 0.0 if math.isfinite(value) else None for value in one.pose.variances or ()]
+    # SQLite stores no -0.0; a checksum is of Python's numbers, not of NumPy's.
+    told = [
+        float(value) + 0.0 if math.isfinite(value) else None for value in one.pose.variances or ()
+    ]
     other = (one.other.session_id, one.other.stamp_ns) if one.other else (None, None)
     relative = one.relative and packed_pose(one.relative)
-    # SQLite stores no -0.0.
-    pose = (value + 0.0 for value in (*one.pose.position, *one.pose.orientation))
+    pose = (float(value) + 0.0 for value in (*one.pose.position, *one.pose.orientation))
     return one.session_id, one.stamp_ns, *pose, *(told or (None, None)), *other, relative
 
 
