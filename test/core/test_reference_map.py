@@ -4,10 +4,11 @@
 
 from itertools import pairwise
 from threading import Thread
+import tracemalloc
 
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.arrays import Places
+from convseq_ros.core.map.arrays import GrowingArray, Places
 from convseq_ros.core.map.image_coding import decode_jpeg, encode_image, thumbnail
 from convseq_ros.core.map.online import FollowedMap, OnlineMap
 from convseq_ros.core.map.place import pack_cells, Picture, Place
@@ -35,6 +36,19 @@ def test_a_place_that_is_not_there_is_an_index_error(index):
         reference_map.cells(index)
     with pytest.raises(IndexError, match='of 1'):
         reference_map.packed_of([0, index])
+
+
+def test_descriptors_of_a_growing_map_leave_no_holes_in_the_heap():
+    array = GrowingArray(np.empty((0, 8)))
+    tracemalloc.start()
+    try:
+        for number in range(10_000):
+            array.extend([np.full(8, number)])
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 50_000 < array.view.nbytes  # the heap has none of them
+    assert array.view[:, 3].tolist() == [*range(10_000)]
 
 
 def test_readers_of_a_growing_map_find_complete_places():

@@ -4,6 +4,7 @@
 
 from collections.abc import Mapping, Sequence
 import math
+from mmap import mmap
 import sys
 from typing import Any
 
@@ -43,11 +44,18 @@ class GrowingArray:
             self._rows = np.empty((len(self._rows), len(rows[0])), self._rows.dtype)
         if end > len(self._rows):
             capacity = max(_FEWEST_ROWS, int(self._count * _GROWTH), end)
-            larger = np.empty((capacity, *self._rows.shape[1:]), self._rows.dtype)
+            larger = _mapped((capacity, *self._rows.shape[1:]), self._rows.dtype)
             larger[: self._count] = self.view
             self._rows = larger
         self._rows[self._count : end] = rows
         self._count = end
+
+
+def _mapped(shape: tuple[int, ...], kind: np.dtype[Any]) -> npt.NDArray[Any]:
+    """Return an array that leaves no hole in the heap when a larger one takes its place."""
+    if kind.hasobject:
+        return np.empty(shape, kind)
+    return np.ndarray(shape, kind, mmap(-1, max(1, math.prod(shape) * kind.itemsize)))
 
 
 class Places(Sequence[Place]):
