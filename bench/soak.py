@@ -9,6 +9,7 @@ than 1 % per hour in addition to the places.
 
     python -m bench.soak --mode preloaded --rate 10 --minutes 100
     python -m bench.soak --mode online --frames 288000      as fast as the node can process
+    python -m bench.soak --mode online --frames 30000 --mosaics     each image a place
 
 Each sample is written at once, so that an interrupted drive keeps its samples.
 """
@@ -17,6 +18,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 import csv
 from functools import partial
+from itertools import count, cycle, product
 from pathlib import Path
 import sys
 import tempfile
@@ -40,10 +42,13 @@ _IN_FLIGHT = 4  # unanswered frames, without a rate
 _SAMPLE_S = 5.0
 _WARM_SHARE = 0.2  # of the samples, before memory growth counts
 _MOST_GROWTH = 1.0  # percent per hour
+_EACH_PLACES = 2000
 _STEADY = 0.98  # correlation of places and time
 _PATIENCE_S = 30.0
 _GRAIN = 3.0  # standard deviation of the noise, which differs from lap to lap, gray levels
 _SPARE_PX = 512  # by which the noise field is wider and higher than an image
+_TILES = 4  # of a mosaic, in a row and in a column
+_STRETCH = 50  # mosaics
 
 
 class Sample(NamedTuple):
@@ -69,6 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f'soak: drawing {chosen.lap} frames of a town', file=sys.stderr, flush=True)
     lap = _lap(chosen.lap, chosen.width_px)
     stem = f'soak_{chosen.mode}_{f"{chosen.rate:g}_hz" if chosen.rate else "fast"}'
+    stem += '_mosaics' * chosen.mosaics
     chosen.output.mkdir(parents=True, exist_ok=True)
     with (
         tempfile.TemporaryDirectory(prefix='convseq_soak_') as folder,
@@ -81,6 +87,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             samples.append(sample)
             table.writerow(sample)
             file.flush()
+    for line in _by_places(samples):
+        print(line)
     last, (percent_an_hour, kb_a_place) = samples[-1], growth(samples)
     text = (
         f'{chosen.mode}, {last.frames:,} frames in {last.seconds / 60:.0f} min: {last.places:,} '
@@ -115,6 +123,16 @@ def growth(samples: Sequence[Sample]) -> tuple[float, float]:
     return float(100 * slope / start), float(1e3 * of_places)
 
 
+def _by_places(samples: Sequence[Sample]) -> Iterator[str]:
+    """Yield lines that say how memory grew with each so many places."""
+    before = samples[0]
+    for sample in samples:
+        if (more := sample.places - before.places) >= _EACH_PLACES:
+            kb = 1e3 * (sample.resident_mb - before.resident_mb) / more
+            yield f'{sample.places:,} places: {sample.resident_mb:.1f} MB, {kb:.2f} kB a place'
+            before = sample
+
+
 def _grain(height: int, width: int) -> Iterator[npt.NDArray[np.int16]]:
     """Yield the noise of a camera: random parts of a field, so that it hardly repeats."""
     random = np.random.default_rng(0)
@@ -131,6 +149,19 @@ def _lap(count: int, width_px: int) -> list[npt.NDArray[np.uint8]]:
         height_px=width_px * 3 // 4,
     )  # fmt: skip
     return [np.asarray(shot.frame.gray) for shot in draw(_TOWN, drive)]
+
+
+def _mosaics(lap: list[npt.NDArray[np.uint8]]) -> Iterator[npt.NDArray[np.uint8]]:
+    """Yield places without end, of tiles of a lap; of each five stretches one is shown again."""
+    height, width = (size // _TILES for size in lap[0].shape)
+    for number in count():
+        is_again = number // _STRETCH % 5 == 4
+        random = np.random.default_rng(number - 4 * _STRETCH * is_again)
+        made = lap[0].copy()
+        for row, column in product(range(_TILES), repeat=2):
+            part = np.s_[row * height : (row + 1) * height, column * width : (column + 1) * width]
+            made[part] = lap[random.integers(len(lap))][part]
+        yield made
 
 
 def _soak(
@@ -152,11 +183,12 @@ def _soak(
         keyframe_overlap=overlap,
         image_size_px=size_px,
     ) as one:
+        scenes = _mosaics(lap) if chosen.mosaics else cycle(lap)
         sent, stamp_ns = 0, 10**18
         begun_s = sampled_s = time.monotonic()
         until_s = begun_s + chosen.minutes * 60 if chosen.minutes else float('inf')
         while sent < (chosen.frames or float('inf')) and time.monotonic() < until_s:
-            gray = lap[sent % len(lap)] + next(grain)
+            gray = next(scenes) + next(grain)
             stamp_ns += _PERIOD_NS
             one.publish(image(np.clip(gray, 0, 255).astype(np.uint8), stamp_ns))
             sent += 1
@@ -217,6 +249,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--frames', type=int, default=0, help='how many to send; 0: no limit')
     parser.add_argument('--minutes', type=float, default=0.0, help='how long; 0: no limit')
     parser.add_argument('--lap', type=int, default=350, help='frames of the drawn town (350)')
+    parser.add_argument('--mosaics', action='store_true', help='places without end, from tiles')
     parser.add_argument('--width-px', type=int, default=640, help='of the camera, 4:3 (640)')
     parser.add_argument('--image-size-px', type=int, default=512, help='as the parameter (512)')
     parser.add_argument('--keyframe-overlap', type=float, default=0.75, help='as the parameter')
