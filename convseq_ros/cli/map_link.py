@@ -107,6 +107,12 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
         frame = first.frame or f'linked {linked.map_id}'
         moved = [_moved(part, after, frame) for part in slices]
         write_new(joined(moved), chosen.output, map_progress(chosen.output))
+        sigma_m = f'{graph.position_sigma_m():.2f}'
+        print(
+            f'{chosen.output}: its poses are known to {sigma_m} m; tell vpr_node so, with '
+            f'-p position_sigma_m:={sigma_m}',
+            file=sys.stderr,
+        )
 
 
 def _moved(part: SessionSlice, after: Poses, name: str) -> SessionSlice:

@@ -362,10 +362,10 @@ class PoseGraph:
         """Return the corrected keyframes of all drives by node, all edges, and stamps by node."""
         poses, edges, stamps_ns = dict[int, Matrix](), list[Edge](), dict[int, int]()
         for drive in self.drives:
-            first, count = self._first(drive), len(drive.keyframes)
-            poses |= {first + at: pose for at, pose in enumerate(self.corrected(drive))}
-            edges += [drive.edge(at, at + 1, first) for at in range(count - 1)]
-            stamps_ns |= {first + at: drive.keyframe_ns(at) for at in range(count)}
+            nodes = self.nodes_of(drive)
+            poses |= zip(nodes, self.corrected(drive), strict=True)
+            edges += [drive.edge(at, at + 1, nodes.start) for at in range(len(nodes) - 1)]
+            stamps_ns |= {node: drive.keyframe_ns(at) for at, node in enumerate(nodes)}
         kept = (one.edge for one in self.known.values() if one.edge and one.kept)
         edges += (edge for edge in kept if edge.start in poses)
         return poses, edges, stamps_ns
@@ -381,6 +381,11 @@ class PoseGraph:
         while more := [pair for pair in pairs if found & {*pair} and not found >= {*pair}]:
             found.update(*more)
         return [drives[number] for number in sorted(found)]
+
+    def nodes_of(self, drive: Odometry) -> range:
+        """Return the nodes of a drive's keyframes."""
+        first = self._first(drive)
+        return range(first, first + len(drive.keyframes))
 
     def _first(self, drive: Odometry) -> int:
         """Return the node of a drive's first keyframe."""

@@ -5,6 +5,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+import math
 from typing import Any
 
 from convseq_ros.core.rigid import Matrix
@@ -22,6 +23,7 @@ class ROBUST:
     growth: float = 1.4  # of the control parameter in each step, as in the paper
     most_steps: int = 100
     settled: float = 1e-3  # relative change of the cost at the end
+    asked: int = 200  # poses, at most, of which it is computed how well they are known
     held: float = 1e-4  # standard deviation of the first pose, metres and radians
 
 
@@ -94,6 +96,24 @@ def optimise(
         weights = _weights(squares, mu) * is_near
     kept = tuple(bool(weight > 0.5) for weight in weights)
     return Solution(values, kept, tuple(np.sqrt(squares).tolist()))
+
+
+def position_sigma_m(poses: Poses, edges: Iterable[Edge]) -> float:
+    """
+    Return how well the positions of solved poses are known, against the first one, in metres.
+
+    It is the root mean square, over up to 200 poses, of the standard deviation along the worst
+    axis, by edges that the solution keeps; they connect all poses.
+    """
+    gtsam = need_gtsam()
+    graph = priors(poses, {min(poses): ROBUST.held})
+    for edge in edges:
+        if edge.start in poses and edge.end in poses:
+            graph.add(factor_of(edge))
+    marginals = gtsam.Marginals(graph, values_of(poses))
+    asked = [*poses][:: math.ceil(len(poses) / ROBUST.asked)]
+    covariances = [marginals.marginalCovariance(at)[3:, 3:] for at in asked]
+    return math.sqrt(np.linalg.eigvalsh(covariances)[:, -1].mean())
 
 
 def values_of(poses: Poses) -> Any:

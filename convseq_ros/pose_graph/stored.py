@@ -15,6 +15,7 @@ from convseq_ros.core.types import Anchor, RelativePose
 from convseq_ros.pose_graph.closures import Closure, told, usable
 from convseq_ros.pose_graph.edges import Edge
 from convseq_ros.pose_graph.graph import PoseGraph
+from convseq_ros.pose_graph.optimisation import position_sigma_m
 import numpy as np
 
 _PAUSE_S = 10**8
@@ -71,6 +72,12 @@ class SolvedMap:
     edges: list[Edge]
     stamps_ns: dict[int, int]  # of the vertices
     places: dict[int, Matrix]  # (4, 4), by index, of the drives that closures bring into one frame
+    linked: frozenset[int]  # the vertices of these drives
+
+    def position_sigma_m(self) -> float:
+        """Return how well the positions of linked drives are known, in metres."""
+        poses = {at: pose for at, pose in self.vertices.items() if at in self.linked}
+        return position_sigma_m(poses, self.edges)
 
 
 def solved(stored: ReferenceMap) -> SolvedMap:
@@ -90,8 +97,9 @@ def solved(stored: ReferenceMap) -> SolvedMap:
         times = {at: (at + (1 + stored.places.session(at)) * _PAUSE_S) * 10**9 for at in posed}
         stored, config = _by_places(stored, session, times), PoseGraphConfig(graph_spacing_m=0.01)
     graph = graph_of(stored, config)
-    places = dict[int, Matrix]()
+    places, linked = dict[int, Matrix](), set[int]()
     for drive in graph.linked:
+        linked.update(graph.nodes_of(drive))
         keyframes = graph.corrected(drive)
         for at in posed:
             if session[at] in drive.sessions and (found := drive.place(times[at])):
@@ -99,7 +107,7 @@ def solved(stored: ReferenceMap) -> SolvedMap:
     vertices, edges, vertex_times = graph.whole()
     real = {time: stamps_ns[at] for at, time in times.items()}
     stamps = {vertex: real.get(time, time) for vertex, time in vertex_times.items()}
-    return SolvedMap(vertices, edges, stamps, dict(sorted(places.items())))
+    return SolvedMap(vertices, edges, stamps, dict(sorted(places.items())), frozenset(linked))
 
 
 def _by_places(

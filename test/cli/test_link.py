@@ -15,8 +15,9 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import RelativePose
-from convseq_ros.pose_graph.edges import EDGE, link_edge
+from convseq_ros.pose_graph.edges import EDGE, Edge, link_edge
 from convseq_ros.pose_graph.lines import g2o
+from convseq_ros.pose_graph.optimisation import position_sigma_m
 from convseq_ros.pose_graph.stored import solved
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.odometry import Drift, with_odometry
@@ -58,7 +59,9 @@ def test_two_drives_are_linked_brought_together_and_drawn(driven, tmp_path, caps
     options = zip(('--g2o', '-o', '--picture', '--tum'), map(str, files), strict=True)
     asked = (one for pair in options for one in pair)
     assert main(['map', 'link', str(path), *asked, '--json']) == 0
-    links = json.loads(capsys.readouterr().out)
+    said = capsys.readouterr()
+    assert f'{files[1]}: its poses are known to 0.' in said.err
+    links = json.loads(said.out)
     assert PLACES >= len(links) >= 0.75 * PLACES
     for link in links:
         assert math.dist(truth[link['place']], truth[link['other']]) < 3.0
@@ -126,6 +129,18 @@ def test_the_graph_that_gtsam_reads_is_the_one_that_is_solved(tmp_path):
     expected = np.roll(turn @ covariance @ turn.T, (3, 3), (0, 1)) + floor
     assert np.allclose(read, expected, rtol=1e-4)
     assert np.allclose(factor.measured().matrix(), there)
+
+
+def test_poses_are_known_as_well_as_odometry_and_a_link_know_them():
+    pytest.importorskip('gtsam')
+    there, turn = matrix(of_roll_pitch_yaw((10.0, 0.0, 0.0), 0, 0, 0)), [1e-4] * 3
+    poses = {1: np.eye(4), 2: there}
+    step = Edge(1, 2, there, np.diag([0.25] * 3 + turn), False)
+    link = link_edge(1, 2, there, np.diag([0.03] * 3 + turn))
+    # The first pose is known, the second one by odometry, or by it and the link.
+    assert position_sigma_m(poses, [step]) == pytest.approx(math.sqrt(0.25 / 2), rel=1e-3)
+    both = 1 / (1 / 0.25 + 1 / (0.03 + EDGE.finest_m**2))
+    assert position_sigma_m(poses, [step, link]) == pytest.approx(math.sqrt(both / 2), rel=1e-3)
 
 
 def test_odometry_edges_bridge_removed_keyframes_and_links_without_metres_are_left_out():
