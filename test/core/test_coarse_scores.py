@@ -162,9 +162,9 @@ def test_sums_are_those_of_the_recursion(count, grown, starts, both, seed):
 
 
 def test_whitening_takes_5_mb_whatever_the_size_of_the_map():
-    references = np.random.default_rng(0).random((4096, 252)).astype(np.float16)
-    statistics = statistics_of(sums_of(references), len(references))
+    references = np.random.default_rng(0).random((10_000, 252)).astype(np.float16)
     tracemalloc.start()
+    statistics = statistics_of(sums_of(references), len(references))
     WhitenedReferences(statistics, references, np.zeros(1, np.int64))
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()

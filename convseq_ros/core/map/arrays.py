@@ -4,7 +4,7 @@
 
 from collections.abc import Mapping, Sequence
 import math
-from mmap import mmap
+from mmap import MAP_ANONYMOUS, MAP_PRIVATE, mmap
 import sys
 from typing import Any
 
@@ -55,7 +55,8 @@ def _mapped(shape: tuple[int, ...], kind: np.dtype[Any]) -> npt.NDArray[Any]:
     """Return an array that leaves no hole in the heap when a larger one takes its place."""
     if kind.hasobject:
         return np.empty(shape, kind)
-    return np.ndarray(shape, kind, mmap(-1, max(1, math.prod(shape) * kind.itemsize)))
+    size = max(1, math.prod(shape) * kind.itemsize)
+    return np.ndarray(shape, kind, mmap(-1, size, MAP_PRIVATE | MAP_ANONYMOUS))
 
 
 class Places(Sequence[Place]):

@@ -16,7 +16,7 @@ from convseq_ros.core.map.arrays import GrowingArray
 from convseq_ros.core.types import constants, Descriptor, Doubles, Floats, Halves, Indices, Row
 import numpy as np
 
-_AT_ONCE = 4096  # rows that are converted to float32 at once, for 4 MB of memory
+_AT_ONCE = 1024  # rows that are converted to float32 at once, for 1 MB of memory
 _WHITENED_AT_ONCE = 256  # rows, for 2 MB; answers do not depend on it
 _PADDED = 16  # the length of vectors is padded to a multiple of this
 _products = kernel('products', Array('f2'), SIZE, SIZE, Array('f4'), Array('f4'))  # kernels.c
