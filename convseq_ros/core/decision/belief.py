@@ -21,6 +21,8 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import constants, Doubles, Flags, Indices
 import numpy as np
 
+_AT_ONCE = 10_000  # mass of a place at a velocity that is moved at once, for 2 MB of memory
+
 
 @constants
 class BELIEF:
@@ -122,24 +124,28 @@ class Belief:
         velocities, columns = np.nonzero(mass > BUDGET.least)
         moved, sigmas = (values[velocities, columns] for values in self.motion.moved(places))
         reach = math.ceil(3 * min(sigmas.max(initial=0.0), BUDGET.widest))
-        near = np.rint(moved)[:, None] + np.arange(-reach, reach + 1)
-        weights = np.exp(-0.5 * ((near - moved[:, None]) / sigmas[:, None]) ** 2)
-        weights *= (mass[velocities, columns] / weights.sum(axis=1))[:, None]
         spans = self._map.bounds.spans(places)
-        firsts, stops = (np.broadcast_to(bound, places.shape) for bound in spans)
-        is_inside = near >= firsts[columns, None]
-        is_inside &= near < np.minimum(stops, usable)[columns, None]
-        kept = is_inside & (weights > BUDGET.least)
-        self.places, where = np.unique(near[kept].astype(np.int64), return_inverse=True)
-        count, weights = len(self.places), weights[kept]
-        rows, sources = (np.repeat(one, kept.sum(axis=1)) for one in (velocities, columns))
+        firsts, stops = (np.broadcast_to(bound, places.shape)[columns] for bound in spans)
+        stops, parts = np.minimum(stops, usable), []
+        for start in range(0, max(1, len(columns)), _AT_ONCE):
+            at = slice(start, start + _AT_ONCE)
+            near = np.rint(moved[at])[:, None] + np.arange(-reach, reach + 1)
+            weights = np.exp(-0.5 * ((near - moved[at, None]) / sigmas[at, None]) ** 2)
+            weights *= (mass[velocities[at], columns[at]] / weights.sum(axis=1))[:, None]
+            kept = (near >= firsts[at, None]) & (near < stops[at, None])
+            kept &= weights > BUDGET.least
+            parts.append((near[kept].astype(np.int64), weights[kept], kept.sum(axis=1)))
+        near, weights, counts = map(np.concatenate, zip(*parts, strict=True))
+        self.places, where = np.unique(near, return_inverse=True)
+        count = len(self.places)
+        rows, sources = (np.repeat(one, counts) for one in (velocities, columns))
         same = _summed(rows * count + where, weights, len(mass), count)
         other = self.motion.prior[:, None] * same.sum(axis=0)
         changed = (1 - MOTION.changing) * same + MOTION.changing * other
         self._lost += max(0.0, float(mass.sum() - changed.sum()))
         states /= states.sum(axis=0)
-        at = (np.arange(STATES)[:, None] * count + where).ravel()
-        arrived = _summed(at, (states[:, sources] * weights).ravel(), STATES, count)
+        cells = (np.arange(STATES)[:, None] * count + where).ravel()
+        arrived = _summed(cells, (states[:, sources] * weights).ravel(), STATES, count)
         moved = self._lead.moved(arrived, self.places, earlier, BELIEF.entering)
         stays = (1 - BELIEF.jumping) * moved
         self._mass, self._states = changed * stays.sum(axis=0) / arrived.sum(axis=0), stays

@@ -4,8 +4,10 @@
 
 from itertools import pairwise
 import math
+import tracemalloc
 
 from convseq_ros.core.decision.belief import BELIEF, Belief
+from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.decision.expected_lead import ExpectedLead, ratios_of
 from convseq_ros.core.decision.motion import MOTION, MotionModel
 from convseq_ros.core.rigid import of_roll_pitch_yaw
@@ -288,3 +290,19 @@ def test_the_order_of_sessions_makes_no_difference(a_map, one, other, steps, bot
         # Half a place is rounded to an even one, so tails end at another place.
         assert found[swapped] == pytest.approx(mass, abs=3e-3)
         assert left == pytest.approx(elsewhere, abs=3e-3)
+
+
+def test_mass_that_is_as_good_as_none_takes_no_memory_however_many_places_have_it(a_map):
+    count, velocities = 5000, np.linspace(-6, 6, 18)
+    belief = Belief(a_map(count), Driven(*velocities, sigma=0.8), in_the_dark())
+    belief.places = np.arange(count)
+    belief._mass = np.full((18, count), 1.5 * BUDGET.least)
+    belief._mass[:, 7] = 0.01
+    belief._states = np.tile(belief._mass.sum(axis=0) / 6, (6, 1))
+    tracemalloc.start()
+    try:
+        belief.predict(count, 0)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 12_000_000 and len(belief.places) < 30
