@@ -42,12 +42,9 @@ from convseq_ros.core.types import Frame, LocalizationState, Match, PoseEstimate
 from convseq_ros.node.inputs.closures_heard import closure_of
 from convseq_ros.node.outputs.closure_messages import closure_odometry_message
 from convseq_ros.node.outputs.measured_transform import MeasuredTransform
-from convseq_ros.pose_graph.alignment import align_sessions
 from convseq_ros.pose_graph.closures import Closure
-from convseq_ros.pose_graph.edges import edges_of
 from convseq_ros.pose_graph.graph import PoseGraph
-from convseq_ros.pose_graph.optimisation import optimise, position_sigma_m
-from convseq_ros.pose_graph.stored import graph_of
+from convseq_ros.pose_graph.stored import graph_of, solved
 from convseq_ros.simulation.drive import draw, Drive, Shot
 from convseq_ros.simulation.odometry import Drift, DriftingOdometer
 from convseq_ros.simulation.town import BLOCK_M, DRIFT, two_blocks
@@ -268,12 +265,9 @@ class Town:
     def solved(self) -> tuple[dict[int, Matrix], float]:
         """The poses (4, 4) of the map as `convseq map link` solves them, by stamp, and a sigma."""
         mapped = open_map(self._path)
-        poses = {at: matrix(place.pose) for at, place in enumerate(mapped.places) if place.pose}
-        session = [place.session for place in mapped.places]
-        edges = [*edges_of(poses, session, mapped.links.each())]
-        solution = optimise(edges, align_sessions(poses, session, edges))
-        by_stamp = {mapped.places[at].stamp_ns: pose for at, pose in solution.poses.items()}
-        return by_stamp, position_sigma_m(edges, solution)
+        found = solved(mapped)
+        by_stamp = {mapped.places[at].stamp_ns: pose for at, pose in found.places.items()}
+        return by_stamp, found.position_sigma_m()
 
     def graph(self) -> PoseGraph:
         """Return the graph of the map of the first day."""
