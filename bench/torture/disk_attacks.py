@@ -14,7 +14,7 @@ import tempfile
 import traceback
 from typing import NoReturn
 
-from convseq_ros.core.map import autosave
+from convseq_ros.core.map import appender
 from convseq_ros.errors import MapError
 
 from bench.torture import disk
@@ -26,7 +26,7 @@ _REFUSED, _BROKE = 1, 3  # exit codes
 _MOST_PLACES = 40  # in a commit: some pages of every table
 _MOST_CALLS = 130  # of a scenario, or some more
 _CUTS = 10  # with one record
-autosave._COMMIT_EVERY_S = 1e6  # only on request
+appender._COMMIT_EVERY_S = 1e6  # only on request
 
 
 def map_writes(count: int, seed: int, folder: Path) -> Iterator[Try]:

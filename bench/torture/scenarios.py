@@ -9,11 +9,11 @@ from functools import lru_cache
 from pathlib import Path
 import tempfile
 
-from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.edit import rewrite, unlink
+from convseq_ros.core.map.appender import Appender
+from convseq_ros.core.map.edit import unlink
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.session_slice import joined, slices_of, without
-from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.map.writer import rewrite, save_map
 from convseq_ros.errors import MapError
 
 from bench.torture.disk import acknowledge, heal
@@ -48,7 +48,7 @@ def _crashed(path: Path, commits: Commits) -> None:
 
 
 def _grow(path: Path, commits: Commits) -> None:
-    owner = Autosave(path, ENCODING, APART)
+    owner = Appender(path, ENCODING, APART)
     acknowledge(owner.committed)
     try:
         for count in commits:
@@ -86,7 +86,7 @@ def _goes_on(_scenario: Scenario, path: Path, _commits: Commits, acknowledged: i
     else:
         with suppress(MapError):
             acknowledged = holds(path)
-    owner = Autosave(path, ENCODING, APART)
+    owner = Appender(path, ENCODING, APART)
     before = len(owner.reference_map)
     assert before >= acknowledged, f'{before} of {acknowledged}'
     grow(owner.reference_map, 2)

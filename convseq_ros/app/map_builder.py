@@ -14,8 +14,8 @@ from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.encoding.glance import Glance, glance
 from convseq_ros.core.gate.stamp_order import AnyOrder
+from convseq_ros.core.map.appender import Appender, MapOwner
 from convseq_ros.core.map.arrays import Places
-from convseq_ros.core.map.autosave import Autosave, NoAutosave
 from convseq_ros.core.map.image_coding import decode_jpeg
 from convseq_ros.core.map.kept_keypoints import has_keypoints, without_keypoints
 from convseq_ros.core.map.online import link, OnlineMap
@@ -60,12 +60,12 @@ class MapBuilder:
         config = replace(config, online=online)
         encoding, keyframes = config.encoding, config.keyframes
         if path:
-            self._autosave: NoAutosave = Autosave(
+            self._owner: MapOwner = Appender(
                 path, encoding, keyframes, append=append, keeps_empty=False, max_looks=max_looks
             )
         else:
-            self._autosave = NoAutosave(ReferenceMap(encoding, keyframes=keyframes))
-        self.reference_map = self._autosave.reference_map
+            self._owner = MapOwner(ReferenceMap(encoding, keyframes=keyframes))
+        self.reference_map = self._owner.reference_map
         blind = links and not has_keypoints(self.reference_map)
         self.problem = without_keypoints(path, not blind, config)  # of the map as it was found
         self._recognizer = PlaceRecognizer(
@@ -89,20 +89,20 @@ class MapBuilder:
     @property
     def removed(self) -> int:
         """Number of places that were removed at the end because of `max_looks`."""
-        return self._autosave.removed
+        return self._owner.removed
 
     def process(self, frame: Frame) -> bool:
         """Process the next frame; return whether it became a place. Unreadable ones never do."""
         before = len(self.reference_map)
         self._recognizer.process(frame)
-        self._autosave.save()
+        self._owner.save()
         return len(self.reference_map) > before
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._autosave.close()
+        self._owner.close()
 
 
 def build_map(

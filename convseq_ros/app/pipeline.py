@@ -10,7 +10,7 @@ from convseq_ros.app.cameras import Cameras
 from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
-from convseq_ros.core.map.autosave import Autosave, NoAutosave
+from convseq_ros.core.map.appender import Appender, MapOwner
 from convseq_ros.core.map.kept_keypoints import has_keypoints, without_keypoints
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -41,9 +41,9 @@ class Pipeline:
         self.is_growing = config.online.grows
         self.is_persisted = path is not None and self.is_growing  # places are added to a file
         # The map, and why some of its places have more than `max_looks` looks.
-        self.autosave, self._problem = _opened(path, config, make)
-        reference_map = self.autosave.reference_map
-        self.flush, self.close = self.autosave.flush, self.autosave.close
+        self.owner, self._problem = _opened(path, config, make)
+        reference_map = self.owner.reference_map
+        self.flush, self.close = self.owner.flush, self.owner.close
         try:
             self.cameras = Cameras(reference_map, config, sources, describe=describe)
         except BaseException:
@@ -73,34 +73,34 @@ class Pipeline:
     @property
     def added(self) -> int:
         """Number of places that were added since the map was opened."""
-        return len(self.autosave.reference_map) - self.autosave.found
+        return len(self.owner.reference_map) - self.owner.found
 
     def save(self) -> None:
-        """Call this after every frame, as `Autosave.save`; a lost file ends the growth."""
-        if self.is_growing and self.autosave.lost:
+        """Call this after every frame, as `Appender.save`; a lost file ends the growth."""
+        if self.is_growing and self.owner.lost:
             self.is_growing = False
             self.recognizer.mapping.freeze()
-        self.autosave.save()
+        self.owner.save()
 
     def warm_up(self) -> None:
         """Prepare the cameras, so that the first frame is as fast as the others."""
         self.cameras.warm_up()
 
 
-def _opened(path: Path | None, config: Config, make: bool) -> tuple[NoAutosave, str]:
+def _opened(path: Path | None, config: Config, make: bool) -> tuple[MapOwner, str]:
     """Return the map of a file, or one in memory; and why its limit of looks is ignored, if so."""
     encoding, keyframes = config.encoding, config.keyframes
     if not path:
-        return NoAutosave(ReferenceMap(encoding, keyframes=keyframes)), ''
+        return MapOwner(ReferenceMap(encoding, keyframes=keyframes)), ''
     if not config.online.grows:
-        return NoAutosave(open_map(path, encoding)), ''
+        return MapOwner(open_map(path, encoding)), ''
     append, most = None if make else True, config.online.max_looks
-    grown = partial(Autosave, path, encoding, keyframes, append=append, max_looks=most)
-    autosave, problem = grown(), ''
-    if autosave.has_surplus:  # after a crash, or made with a higher limit
+    grown = partial(Appender, path, encoding, keyframes, append=append, max_looks=most)
+    owner, problem = grown(), ''
+    if owner.has_surplus:  # after a crash, or made with a higher limit
         try:
-            autosave.close()
+            owner.close()
         except MapError as error:  # such as a full disk: the map works without the limit
             problem = f'max_looks is ignored: {error}'
-        autosave = grown()
-    return autosave, problem
+        owner = grown()
+    return owner, problem

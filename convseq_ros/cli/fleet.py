@@ -17,7 +17,8 @@ from convseq_ros.cli.options import add_images, chosen_images, progress, warn
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.map.lock import MapLock
-from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import replaced
 from convseq_ros.core.similarity.threads import usable_cores
 from convseq_ros.errors import ConvseqError, FleetError, MapError, SourceError
@@ -117,6 +118,6 @@ def _maps(folder: Path, output: Path) -> dict[Path, Path]:
     return maps
 
 
-def _opened(path: Path, config: Config) -> MapReader:
+def _opened(path: Path, config: Config) -> ReferenceMap:
     completed = with_first_stage(config, open_model(config))
-    return MapReader(path, completed.encoding, config.keyframes)
+    return open_map(path, completed.encoding, config.keyframes)

@@ -23,7 +23,7 @@ from convseq_ros.config.reading_config import add_reading, chosen_reading
 from convseq_ros.core.compiled import library
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.reader import open_map, stored_facts
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import as_parameter
 from convseq_ros.core.types import Camera
@@ -79,9 +79,8 @@ def run(chosen: argparse.Namespace) -> int:
         facts = describe_recording(file, chosen_reading(chosen))
         print(json.dumps(facts) if chosen.json else '\n'.join(recording_lines(facts)))
         return 0
-    reader = MapReader(file)
-    opened = reader.reference_map()
-    about = {'map': str(file), 'format': FORMAT_VERSION, **reader.about()}
+    opened = open_map(file)
+    about = {'map': str(file), 'format': FORMAT_VERSION, **stored_facts(file)}
     facts = about | describe_map(file, opened)
     if opened.encoding.descriptor_model:
         numbers, size = opened.global_descriptors.shape[1], opened.global_descriptors.nbytes

@@ -11,17 +11,9 @@ import re
 
 from convseq_ros.cli import map_link
 from convseq_ros.cli.info import describe_map, in_short
-from convseq_ros.cli.options import add_max_looks, add_verb, map_progress
+from convseq_ros.cli.options import add_max_looks, add_verb
 from convseq_ros.cli.outputs import add_output
-from convseq_ros.core.map.edit import (
-    prune_looks,
-    pruned,
-    refuse_existing,
-    rename_session,
-    rewrite,
-    unlink,
-    write_new,
-)
+from convseq_ros.core.map.edit import prune_looks, pruned, rename_session, unlink
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import (
@@ -31,6 +23,7 @@ from convseq_ros.core.map.session_slice import (
     SessionSlice,
     slices_of,
 )
+from convseq_ros.core.map.writer import refuse_existing, rewrite, save_map
 from convseq_ros.errors import MapError, NO_PLACES
 from convseq_ros.io.output_file import ANY
 
@@ -97,7 +90,7 @@ def _unlink(chosen: argparse.Namespace) -> None:
     places = {*chosen.place}
     for wanted in chosen.session:
         places |= {*chosen_slice(sessions_of(chosen.map, reference_map), wanted).places}
-    count = unlink(chosen.map, places or None, map_progress(chosen.map))
+    count = unlink(chosen.map, places or None)
     note = 'their places are not looked up again'
     if not places:
         note = 'convseq map link looks them up anew'
@@ -114,7 +107,7 @@ def _merge(chosen: argparse.Namespace) -> None:
         for _ in map_link.linking(chosen.output, merged):
             pass
     merged = pruned(chosen.output, merged, chosen.max_looks)
-    write_new(merged, chosen.output, map_progress(chosen.output))
+    save_map(merged, chosen.output, is_new=True)
     _report(chosen, chosen.output)
 
 
@@ -129,16 +122,15 @@ def _split(chosen: argparse.Namespace) -> None:
         files[path] = part
     folder.mkdir(parents=True, exist_ok=True)
     for path, part in files.items():
-        write_new(joined([part]), path, map_progress(path))
+        save_map(joined([part]), path, is_new=True)
     _report(chosen, *files)
 
 
 def _remove(chosen: argparse.Namespace) -> None:
-    progress = map_progress(chosen.map)
     if chosen.session:
-        rewrite(chosen.map, partial(_without_sessions, chosen), progress)
+        rewrite(chosen.map, partial(_without_sessions, chosen))
     else:
-        prune_looks(chosen.map, chosen.max_looks, progress)
+        prune_looks(chosen.map, chosen.max_looks)
     _report(chosen, chosen.map)
 
 

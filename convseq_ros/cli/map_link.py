@@ -13,13 +13,14 @@ import sys
 
 from convseq_ros.app.map_builder import link_map, not_linked, problem_of_linking
 from convseq_ros.cli.map_picture import draw_solved
-from convseq_ros.cli.options import map_progress, progress, warn
+from convseq_ros.cli.options import progress, warn
 from convseq_ros.cli.outputs import add_output
 from convseq_ros.core.graph.links import Link
-from convseq_ros.core.map.edit import forget_links, refuse_existing, rewrite, write_new
+from convseq_ros.core.map.edit import forget_links
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, sessions_of, SessionSlice
+from convseq_ros.core.map.writer import refuse_existing, rewrite, save_map
 from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import MapError, printable
 from convseq_ros.io.output_file import ANY, FIGURE
@@ -51,7 +52,7 @@ def run(chosen: argparse.Namespace) -> None:
     if chosen.output:
         refuse_existing(chosen.output)
     if chosen.again or not_linked(open_map(chosen.map)):
-        rewrite(chosen.map, partial(_linked, chosen), map_progress(chosen.map))
+        rewrite(chosen.map, partial(_linked, chosen))
     make_outputs(chosen, open_map(chosen.map))
 
 
@@ -106,7 +107,7 @@ def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
         first = linked.sessions[linked.places.session(min(after))]
         frame = first.frame or f'linked {linked.map_id}'
         moved = [_moved(part, after, frame) for part in slices]
-        write_new(joined(moved), chosen.output, map_progress(chosen.output))
+        save_map(joined(moved), chosen.output, is_new=True)
         sigma_m = f'{graph.position_sigma_m():.2f}'
         print(
             f'{chosen.output}: its poses are known to {sigma_m} m; tell vpr_node so, with '

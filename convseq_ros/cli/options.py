@@ -3,7 +3,7 @@
 """Shared by commands: options, parameter files, and output for a person at a terminal."""
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 import shlex
@@ -17,7 +17,7 @@ from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import add_parameters, given, parameters, Value
 from convseq_ros.config.reading_config import chosen_reading
 from convseq_ros.core.encoding.mask import masked
-from convseq_ros.core.map.reader import MapReader, open_map
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.errors import MapError, printable
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.sources.mount import Tf
@@ -141,13 +141,8 @@ def tells_what_is_kept(path: Path) -> Iterator[None]:
 
 def _session_ids(path: Path) -> set[str]:
     with suppress(MapError):
-        return {session.id for session in MapReader(path).sessions()}
+        return {session.id for session in open_map(path).sessions}
     return set()
-
-
-def map_progress(path: Path) -> Callable[[Sequence[int]], Iterable[int]]:
-    """Return a function that shows the progress of writing a map."""
-    return lambda steps: progress(steps, len(steps), path.name, '64 places')
 
 
 def quoted(name: str) -> str:

@@ -78,7 +78,7 @@ def run(chosen: argparse.Namespace) -> int:
         print(json.dumps(about | summary))
     else:
         if pipeline.is_growing:
-            kept = pipeline.autosave.committed
+            kept = pipeline.owner.committed
             say(f'{chosen.map}: {pipeline.added} references added, {kept} in all')
         say(f'{chosen.output}: {in_words(summary, pipeline.slow)}')
     return 0

@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
-from convseq_ros.core.map.reader import MapReader, open_map
+from convseq_ros.core.map.reader import map_id_of, open_map
 from convseq_ros.core.rigid import Matrix, matrix, pose_of
 from convseq_ros.core.types import LocalizationState, Pose
 from convseq_ros.errors import ConvseqError, with_traceback
@@ -75,7 +75,7 @@ class PoseGraphNode(ListeningNode):
         self._map_id, self._read_id, self._problem = '', '', ''
         path = Path(config.map_path)
         if config.map_path and path.exists() and path.stat().st_size:
-            self._read_id = MapReader(path).settings.map_id
+            self._read_id = map_id_of(path)
         self._backlog = Backlog(self.get_logger(), bool(self._read_id))
         self._thread: Thread | None = None
         self._update_ms = self._solve_ms = 0.0

@@ -40,9 +40,9 @@ def test_files_survive_a_short_part_of_the_torture(name, count):
 LIES = """
 import sys
 from bench.torture import attack, disk_attacks
-from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.appender import Appender
 # A program that says at once that all is safe.
-Autosave.flush = lambda self: setattr(self, 'committed', len(self.reference_map))
+Appender.flush = lambda self: setattr(self, 'committed', len(self.reference_map))
 disk_attacks.SCENARIOS = {'make': disk_attacks.SCENARIOS['make']}
 attack.print_tries(sys.argv[1], '6', '0', sys.argv[2])
 """

@@ -11,7 +11,7 @@ import sys
 from convseq_ros.app.result_row import COLUMNS
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.appender import Appender
 from convseq_ros.errors import ConfigError
 from convseq_ros.io.output_file import ANSWERS, LIBRARY, OutputFile
 from convseq_ros.io.regular_file import write_lines
@@ -108,7 +108,7 @@ def built(tmp_path_factory):
         assert main(['build-map', str(folder / 'drive'), str(folder / f'{name}.db'), *more]) == 0
     both = [str(folder / name) for name in ('m.db', 'other.db', 'two.db')]
     assert main(['map', 'merge', *both[:2], '-o', both[2]]) == 0
-    Autosave(folder / 'empty.db', EncodingConfig(), KeyframeConfig()).close()
+    Appender(folder / 'empty.db', EncodingConfig(), KeyframeConfig()).close()
     return folder
 
 

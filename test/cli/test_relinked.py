@@ -7,11 +7,11 @@ from unittest.mock import Mock
 
 from convseq_ros.app.map_builder import not_linked
 from convseq_ros.cli import main, map_link
-from convseq_ros.core.map import edit
+from convseq_ros.cli import map as map_command
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.writer import save_map, write_map
+from convseq_ros.core.map.writer import save_map
 import numpy as np
 import pytest
 
@@ -90,7 +90,9 @@ def test_merging_with_max_looks_writes_the_map_once_without_surplus_looks(
     path, monkeypatch, capsys
 ):
     merged, written = path.with_name('merged.db'), []
-    monkeypatch.setattr(edit, 'write_map', lambda *of: written.append(of) or write_map(*of))
+    monkeypatch.setattr(
+        map_command, 'save_map', lambda *of, **how: written.append(of) or save_map(*of, **how)
+    )
     assert main(['map', 'merge', str(path), '-o', str(merged), '--max-looks', '2']) == 0
     assert '64 keyframes' in capsys.readouterr().out and len(written) == 1
     assert main(['map', 'remove', str(path), '--max-looks', '2']) == 0

@@ -10,7 +10,7 @@ import signal
 from convseq_ros.app.map_builder import MapBuilder
 from convseq_ros.cli import main
 from convseq_ros.config import Config, EncodingConfig
-from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.appender import Appender
 from convseq_ros.core.map.edit import rename_session
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.session_slice import slices_of
@@ -161,7 +161,7 @@ def test_sessions_without_a_name_are_called_after_their_map(tmp_path, run):
 )
 def test_a_map_that_has_an_owner_is_left_alone(command, two, run):
     opened = open_map(two)
-    owner = Autosave(two, opened.encoding, opened.keyframes, append=True)
+    owner = Appender(two, opened.encoding, opened.keyframes, append=True)
     try:
         name, *more = command
         code, line = run('map', name, two, *more)

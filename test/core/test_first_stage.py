@@ -8,7 +8,6 @@ from convseq_ros.app.map_builder import build_map, link_map
 from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.encoding.mask import masked
-from convseq_ros.core.map.edit import write_new
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.map.writer import save_map
@@ -70,7 +69,7 @@ def test_vectors_outlive_a_file_and_all_that_is_done_to_it(frames, tmp_path):
     assert whole.global_descriptors == pytest.approx(
         np.array([unit(small(one.gray).ravel()) for one in frames()]), abs=1e-3
     )
-    write_new(joined([*slices_of(first), *slices_of(second)]), tmp_path / 'both.db')
+    save_map(joined([*slices_of(first), *slices_of(second)]), tmp_path / 'both.db', is_new=True)
     both = open_map(tmp_path / 'both.db')
     assert (both.global_descriptors[:COUNT] == whole.global_descriptors).all()
     assert [*link_map(both)] == [*range(COUNT, 2 * COUNT)]  # by their vectors, without the model

@@ -10,7 +10,7 @@ from unittest.mock import Mock
 
 from convseq_ros.core.map import crash_recovery
 from convseq_ros.core.map import database as limits
-from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.appender import Appender
 from convseq_ros.core.map.database import as_map_error, Database
 from convseq_ros.core.map.edit import unlink
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
@@ -271,7 +271,7 @@ def test_a_journal_that_names_other_files_deletes_none(crashed, tmp_path):
     assert victim.read_text() == 'of somebody' and len(open_map(crashed)) == 3
 
 
-@pytest.mark.parametrize('then', [lambda path: Autosave(path, ENCODING, APART).close(), unlink])
+@pytest.mark.parametrize('then', [lambda path: Appender(path, ENCODING, APART).close(), unlink])
 def test_a_part_that_a_killed_save_left_is_deleted(path, tmp_path, then):
     """Killed once before and once after something is in the part; what is others' stays."""
     for moment in ('__init__', 'commit'):

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.core.map.edit import write_new
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, slices_of
+from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.pose.image_pose import (
     KEYPOINT,
     KeypointView,
@@ -101,7 +101,7 @@ def test_a_file_keeps_images_and_answers_as_memory_does(street, whole, tmp_path)
     opened = open_map(path)
     assert opened.pictures([3], True)[0].image == whole.pictures([3])[0].image
     merged = tmp_path / 'merged.sqlite'
-    write_new(joined(slices_of(path)), merged)
+    save_map(joined(slices_of(path)), merged, is_new=True)
     about = MapReader(merged).about()
     assert about['images'] == len(whole) and 5_000 < about['image_bytes'] / len(whole) < 20_000
     config = replace(KEEPS, keyframes=EVERY_FRAME)

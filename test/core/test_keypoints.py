@@ -20,11 +20,11 @@ from convseq_ros.core.encoding.keypoints import (
     Keypoints,
     matched,
 )
-from convseq_ros.core.map.edit import write_new
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, slices_of
+from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import MapError
@@ -210,7 +210,7 @@ def saved(path):
 
 def test_a_map_keeps_the_keypoints_of_each_place(walled, saved, tmp_path):
     merged = tmp_path / 'merged.db'
-    write_new(joined(slices_of(saved)), merged)
+    save_map(joined(slices_of(saved)), merged, is_new=True)
     for file in (saved, merged):
         opened, about = open_map(file), MapReader(file).about()
         kept = [opened.keypoints(index) for index in range(12)]

@@ -176,7 +176,7 @@ def test_a_map_of_a_path_that_is_driven_repeatedly_stops_growing_and_is_recognis
         ]
         assert not day or (all(right) and len(right) > 0.8 * ROUND)
         assert pipeline.added <= (ROUND if day < 2 else 2 * STRETCH.keyframes)
-        assert pipeline.autosave.committed == len(open_map(path)) <= min(day + 1, 2) * ROUND
+        assert pipeline.owner.committed == len(open_map(path)) <= min(day + 1, 2) * ROUND
     # The anchor of an answer is the same, whatever went, and is what the first drive saw.
     first = open_map(path)
     anchors = [match.anchor for match in found if match.accepted]

@@ -9,8 +9,7 @@ from convseq_ros.app.map_builder import not_linked
 from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.cli import main
 from convseq_ros.config import make_config
-from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.edit import write_new
+from convseq_ros.core.map.appender import Appender
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
@@ -39,24 +38,24 @@ def made(count, *pairs):
 
 
 def own(path):
-    return Autosave(path, ENCODING, APART)
+    return Appender(path, ENCODING, APART)
 
 
 def test_links_are_written_with_their_places_or_later_and_never_before(path):
-    autosave = own(path)
-    whole = autosave.reference_map
+    owner = own(path)
+    whole = owner.reference_map
     grow(whole, 20)
     whole.links.add(15, 2)
-    autosave.flush()
+    owner.flush()
     assert [*open_map(path).links] == [(15, 2)]
     whole.links.add(12, 3)  # of a place that is safe already
-    autosave.flush()
+    owner.flush()
     assert [*open_map(path).links] == [(12, 3), (15, 2)]
     whole.links.add(22, 4)  # of one that is still to come
-    autosave.flush()
+    owner.flush()
     assert len(open_map(path).links) == 2
     grow(whole, 5)
-    autosave.close()
+    owner.close()
     assert [*open_map(path).links] == [(12, 3), (15, 2), (22, 4)]
     again = own(path)
     again.reference_map.links.add(24, 15)
@@ -141,10 +140,10 @@ def test_damage_costs_links_and_no_place_and_is_counted_in_one_line(path, damage
     opened = open_map(path)
     assert [*opened.links] == left
     assert told in opened.problem and opened.problem.endswith(' left out; all the rest works')
-    autosave = own(path)
-    grow(autosave.reference_map, 3)
-    autosave.reference_map.links.add(21, 4)
-    autosave.close()
+    owner = own(path)
+    grow(owner.reference_map, 3)
+    owner.reference_map.links.add(21, 4)
+    owner.close()
     opened = open_map(path)
     assert len(opened) == 23 and (opened.packed(22) == cells(22)).all()
 
@@ -161,7 +160,7 @@ def test_editing_keeps_links_among_the_places_that_stay(path, tmp_path):
         whole.links.add_first(index)
     save_map(whole, path)
     parts, other = slices_of(path), tmp_path / 'other.db'
-    write_new(joined(parts[1:]), other)  # the first session, with anchors, goes
+    save_map(joined(parts[1:]), other, is_new=True)  # the first session, with anchors, goes
     left = open_map(other)
     assert [*left.links] == [(25, 5), (30, 10)] and left.is_linked
     left = joined(without(parts, [25]))

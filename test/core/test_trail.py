@@ -11,8 +11,7 @@ from convseq_ros.app.map_builder import MapBuilder
 from convseq_ros.config import make_config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.graph.trail import Keyframe
-from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.edit import write_new
+from convseq_ros.core.map.appender import Appender
 from convseq_ros.core.map.format import FORMAT_VERSION, PAGE_BYTES
 from convseq_ros.core.map.online import OnlineMap
 from convseq_ros.core.map.place import Place
@@ -65,18 +64,18 @@ def test_a_trail_is_opened_as_it_was_saved(path):
 
 
 def test_keyframes_are_written_as_they_come_and_then_released(path):
-    autosave = Autosave(path, ENCODING, APART)
-    growing = autosave.reference_map
+    owner = Appender(path, ENCODING, APART)
+    growing = owner.reference_map
     growing.begin_session(0)
     own = growing.sessions[0].id
     growing.trail.add(keyframe(0, own))
-    autosave.flush()  # before any place
+    owner.flush()  # before any place
     assert rows(open_map(path)) == rows(growing) and not growing.trail.since(1)
     for number in (1, 2):
         growing.trail.add(keyframe(number, own))
-    autosave.save()
-    autosave.close()
-    again = Autosave(path, ENCODING, APART, append=True)
+    owner.save()
+    owner.close()
+    again = Appender(path, ENCODING, APART, append=True)
     again.reference_map.trail.add(keyframe(3, own))
     again.close()
     assert [one.stamp_ns // SECOND for one in open_map(path).trail.since(0)] == [0, 1, 2, 3]
@@ -90,7 +89,7 @@ def test_a_map_of_the_format_before_has_no_trail_and_gets_one_when_it_grows(path
     before = path.read_bytes()
     assert len(open_map(path)) == 6 and not open_map(path).trail.since(0)
     assert path.read_bytes() == before
-    grown = Autosave(path, ENCODING, APART, append=True)
+    grown = Appender(path, ENCODING, APART, append=True)
     grown.reference_map.trail.add(keyframe(9, grown.reference_map.sessions[0].id))
     grown.close()
     assert len(open_map(path).trail.since(0)) == 1 and len(open_map(path)) == 6
@@ -127,7 +126,7 @@ def test_edits_carry_the_trail_of_the_sessions_that_stay(path, tmp_path):
     save_map(whole := made(), path)
     one, other = slices_of(path)
     for kept, expected in (((one, other), slice(7)), ((one,), slice(3)), ((other,), slice(3, 7))):
-        write_new(joined(kept), tmp_path / 'new.db')
+        save_map(joined(kept), tmp_path / 'new.db', is_new=True)
         assert rows(open_map(tmp_path / 'new.db')) == rows(whole)[expected]
         (tmp_path / 'new.db').unlink()
     # Poses that replace those by odometry are no odometry.

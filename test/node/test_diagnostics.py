@@ -214,7 +214,7 @@ def test_images_of_another_type_are_reported_with_the_remedy(
 def test_a_map_whose_file_is_lost_is_an_error(client, vpr, tmp_path):
     node = vpr(map_path=tmp_path / 'map.db', mode='online', **PERIOD)
     client.wait_for(lambda: node._ready)
-    node._recognition.pipeline.autosave.give_up('map.db: damaged map')
+    node._recognition.pipeline.owner.give_up('map.db: damaged map')
     status = status_with(client, 'map.db: damaged map')
     assert status.level == DiagnosticStatus.ERROR
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Editing map files: each edit but a rename writes a new file, and puts it in place of the old."""
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
@@ -11,44 +11,10 @@ from convseq_ros.core.map.database import as_map_error, Database
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.pruning import Pruning
-from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, SessionSlice, slices_of, without
-from convseq_ros.core.map.writer import Progress, replaced, write_map
+from convseq_ros.core.map.writer import rewrite
 from convseq_ros.errors import MapError
-
-
-def write_new(new: ReferenceMap, path: Path, progress: Progress = iter) -> None:
-    """
-    Write a map to a new file, in one step.
-
-    MapError if the file exists, another program makes it, or the disk is full.
-    """
-    with MapLock(path), replaced(path) as part:
-        refuse_existing(path)
-        write_map(new, part, progress)
-
-
-def rewrite(
-    path: Path, change: Callable[[ReferenceMap], ReferenceMap | None], progress: Progress = iter
-) -> None:
-    """
-    Replace a map file by what `change` makes of its map, in one step or not at all.
-
-    `change` may return the map that it is given; with None the file stays as it is. MapError if
-    another program adds to the map, which is locked meanwhile, or the disk is full.
-    """
-    with MapLock(path):
-        changed = change(open_map(path))
-        if changed is not None:
-            with replaced(path) as part:
-                write_map(changed, part, progress)
-
-
-def refuse_existing(path: Path) -> None:
-    """Raise MapError if a file that should be new exists already."""
-    if path.exists():
-        raise MapError(f'{path}: exists already; name another file')
 
 
 def pruned(path: Path, opened: ReferenceMap, max_looks: int) -> ReferenceMap:
@@ -57,7 +23,7 @@ def pruned(path: Path, opened: ReferenceMap, max_looks: int) -> ReferenceMap:
     return joined(without(slices_of(path, opened), surplus)) if surplus else opened
 
 
-def prune_looks(path: Path, max_looks: int, progress: Progress = iter) -> int:
+def prune_looks(path: Path, max_looks: int) -> int:
     """
     Keep at most `max_looks` stretches of each place in a map file; return how many places it lost.
 
@@ -71,7 +37,7 @@ def prune_looks(path: Path, max_looks: int, progress: Progress = iter) -> int:
         lost = len(opened) - len(after)
         return after if lost else None
 
-    rewrite(path, change, progress)
+    rewrite(path, change)
     return lost
 
 
@@ -87,7 +53,7 @@ def rename_session(named: SessionSlice) -> None:
             raise MapError(f'{named.path}: was changed meanwhile; run it again')
 
 
-def unlink(path: Path, places: Collection[int] | None = None, progress: Progress = iter) -> int:
+def unlink(path: Path, places: Collection[int] | None = None) -> int:
     """
     Remove links from a map file; return how many. MapError as for `rewrite`.
 
@@ -109,7 +75,7 @@ def unlink(path: Path, places: Collection[int] | None = None, progress: Progress
         removed = len(links) - len(left)
         return opened
 
-    rewrite(path, change, progress)
+    rewrite(path, change)
     return removed
 
 

@@ -73,9 +73,19 @@ def open_map(
     return MapReader(Path(path), encoding, keyframes).reference_map()
 
 
+def map_id_of(path: Path) -> str:
+    """Return the id of a map file, whose places are not read; MapError as for `open_map`."""
+    return MapReader(path).settings.map_id
+
+
+def stored_facts(path: Path) -> dict[str, Any]:
+    """Return the rows of `about`, and the numbers of thumbnails, keypoints and images."""
+    return MapReader(path).about()
+
+
 class MapReader:
     """
-    A map file that is open for reading; any thread may read.
+    A map file that is open for reading, for `open_map` and `Appender`; any thread may read.
 
     The file is not changed. If a crash left it with a journal, a repaired copy is read. `encoding`
     is that of the queries, `keyframes` the spacing of places to add; both default to the map's.
@@ -140,11 +150,6 @@ class MapReader:
                 ):
                     counts[name] += self._database.number(f'SELECT {query} {block}')
         return {**self._about, **counts}
-
-    def sessions(self) -> list[MapSession]:
-        """Return the sessions in order."""
-        with self._snapshot():
-            return self._sessions()
 
     def _sessions(self) -> list[MapSession]:
         rows = self._database.checked('sessions')

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writing a map file: places are only appended, in transactions."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 import sqlite3
@@ -20,15 +20,13 @@ from convseq_ros.core.map.database import as_map_error, BESIDE, Database
 from convseq_ros.core.map.format import keyframe_row, MapSession, Settings
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.place import Picture, Place, unpack_cells
-from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Halves
 from convseq_ros.errors import MapError
 from convseq_ros.io.regular_file import complete_or_absent
 
 _AT_ONCE = 64  # places that are read together: 1 MB, more with images
-
-Progress = Callable[[Sequence[int]], Iterable[int]]  # yields its items, and shows the progress
 
 
 class MapWriter:
@@ -195,18 +193,42 @@ class MapWriter:
                 self.commit()
 
 
-def save_map(reference_map: ReferenceMap, path: Path) -> None:
-    """Write a map to a file, which is replaced in one step; MapError if that fails."""
-    with MapLock(path), replaced(path) as part:
-        write_map(reference_map, part)
+def save_map(reference_map: ReferenceMap, path: Path, is_new: bool = False) -> None:
+    """
+    Write a map to a file, which is replaced in one step, or not at all.
+
+    MapError if another program adds to the map, the disk is full or, with `is_new`, the file
+    exists.
+    """
+    with MapLock(path):
+        if is_new:
+            refuse_existing(path)
+        _put(reference_map, path)
 
 
-def write_map(reference_map: ReferenceMap, path: Path, progress: Progress = iter) -> None:
-    """Write a map to a new file, in one transaction."""
-    settings, end = (reference_map.encoding, reference_map.keyframes), len(reference_map)
-    with MapWriter(path, *settings, map_id=reference_map.map_id) as writer:
-        for start in progress(range(0, end or 1, _AT_ONCE)):
-            writer.append(reference_map, min(start + _AT_ONCE, end))
+def rewrite(path: Path, change: Callable[[ReferenceMap], ReferenceMap | None]) -> None:
+    """
+    Replace a map file by what `change` makes of its map, in one step or not at all.
+
+    `change` may return the map that it is given; with None the file stays as it is. MapError as
+    for `save_map`.
+    """
+    with MapLock(path):
+        changed = change(open_map(path))
+        if changed is not None:
+            _put(changed, path)
+
+
+def refuse_existing(path: Path) -> None:
+    """Raise MapError if a file that should be new exists already."""
+    if path.exists():
+        raise MapError(f'{path}: exists already; name another file')
+
+
+def _put(new: ReferenceMap, path: Path) -> None:
+    settings = new.encoding, new.keyframes
+    with replaced(path) as part, MapWriter(part, *settings, map_id=new.map_id) as writer:
+        writer.append(new, len(new))
 
 
 @contextmanager

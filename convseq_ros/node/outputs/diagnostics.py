@@ -68,8 +68,8 @@ class Diagnostics:
             )
         if not situation.enabled:
             return DiagnosticStatus.OK, 'disabled'
-        if situation.pipeline.autosave.lost:
-            return DiagnosticStatus.ERROR, situation.pipeline.autosave.lost
+        if situation.pipeline.owner.lost:
+            return DiagnosticStatus.ERROR, situation.pipeline.owner.lost
         if self._is_failing(situation):
             return DiagnosticStatus.ERROR, (
                 f'{situation.pipeline.path}: new places cannot be written; see the log'
@@ -111,7 +111,7 @@ class Diagnostics:
     def _is_failing(self, situation: Situation) -> bool:
         """Return whether new places cannot be written to this map, or to the one before it."""
         before, self._write_failures = self._write_failures, self.counters.write_failures
-        return self._write_failures > before or situation.pipeline.autosave.is_failing
+        return self._write_failures > before or situation.pipeline.owner.is_failing
 
     def _told_once(self, name: str, problem: str) -> str:
         """Return the problem of a stream, and log it when that begins."""
@@ -155,11 +155,11 @@ def _values(counters: Counters, situation: Situation) -> dict[str, object]:
     if pipeline.is_growing:
         values |= {
             'places_added': pipeline.added,
-            'places_kept': pipeline.autosave.committed,
+            'places_kept': pipeline.owner.committed,
             'map_write_failures': counters.write_failures,
         }
-        if pipeline.autosave.committed_s is not None:
-            values['since_last_commit_s'] = time.monotonic() - pipeline.autosave.committed_s
+        if pipeline.owner.committed_s is not None:
+            values['since_last_commit_s'] = time.monotonic() - pipeline.owner.committed_s
     # A copy, because the worker's thread changes the original.
     counts = counters.reasons.copy()
     return values | {f'reason_{reason}': counts[reason] for reason in sorted(counts)}

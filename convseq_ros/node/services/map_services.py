@@ -13,7 +13,7 @@ from typing import TypeVar
 from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config.arguments import local
 from convseq_ros.core.map.format import is_map_or_empty
-from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.reader import map_id_of
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.errors import MapError, NO_PLACES, one_line, with_traceback
 from convseq_ros.io.output_file import ANY, OutputFile
@@ -174,7 +174,7 @@ def _refuse_another(target: Path, map_id: str) -> None:
     # Anyone on the network may set the path.
     if not is_map_or_empty(target):
         raise MapError(f'{target}: is no map, and is not replaced; move it, or set save_map_path')
-    if MapReader(target).settings.map_id != map_id:
+    if map_id_of(target) != map_id:
         raise MapError(
             f'{target}: is another map, and is not replaced; move it, or set save_map_path'
         )

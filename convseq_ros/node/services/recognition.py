@@ -71,7 +71,7 @@ class Recognition:
         except Exception as error:
             # Publishing fails while a signal shuts ROS down; the result row is written before.
             if isinstance(error, MapError):
-                self.pipeline.autosave.give_up(one_line(error))
+                self.pipeline.owner.give_up(one_line(error))
             if isinstance(error, ConvseqError) or self.ros_is_up():
                 self.counters.failed += 1
                 self.logger.error(with_traceback(error), throttle_duration_sec=_LOG_PERIOD_S)

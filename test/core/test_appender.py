@@ -8,9 +8,9 @@ import sqlite3
 import threading
 from unittest.mock import Mock
 
-from convseq_ros.core.map import autosave as module
+from convseq_ros.core.map import appender as module
 from convseq_ros.core.map import crash_recovery, writer
-from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.appender import Appender
 from convseq_ros.core.map.database import Database
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.writer import save_map
@@ -27,7 +27,7 @@ JOURNAL, AHEAD = b'\1\1', b'\2\2'
 
 
 def own(path, **kwargs):
-    return Autosave(path, ENCODING, APART, **kwargs)
+    return Appender(path, ENCODING, APART, **kwargs)
 
 
 def grown(path, count=0):
@@ -47,12 +47,12 @@ def beside(path):
     return sorted(one.name.removeprefix(path.name) for one in path.parent.iterdir())
 
 
-def told(autosave):
+def told(owner):
     """Return a condition: that the owner says what went wrong, by a MapError."""
 
     def found():
         try:
-            autosave.save()
+            owner.save()
         except MapError as error:
             found.text = str(error)
             return True
@@ -68,36 +68,36 @@ def hurried(monkeypatch):
 
 
 def test_a_place_is_written_though_nothing_comes_after_it(path):
-    autosave = own(path)
+    owner = own(path)
     for count in (1, 2, 7):
-        grow(autosave.reference_map, count - len(autosave.reference_map))
-        autosave.save()
-        wait_for(lambda count=count: autosave.committed == count)
+        grow(owner.reference_map, count - len(owner.reference_map))
+        owner.save()
+        wait_for(lambda count=count: owner.committed == count)
         assert holds(path) == count
-    autosave.close()
+    owner.close()
 
 
 def test_an_interruption_finds_no_lock_that_it_could_leave_behind(path, monkeypatch):
-    autosave = own(path)
-    grow(autosave.reference_map, 1)
+    owner = own(path)
+    grow(owner.reference_map, 1)
     with monkeypatch.context() as patch:
         patch.setattr(
             threading.Condition, '__enter__', Mock(side_effect=RuntimeError('interrupted'))
         )
-        autosave.save()
-    autosave.close()
+        owner.save()
+    owner.close()
     assert holds(path) == 1
 
 
 def test_saved_pictures_leave_memory_and_can_still_be_read(path):
-    autosave = own(path)
-    reference_map = autosave.reference_map
+    owner = own(path)
+    reference_map = owner.reference_map
     for _ in range(30):
         grow(reference_map, 1)
-        autosave.flush()
+        owner.flush()
         assert not reference_map._in_memory
     assert all((reference_map.packed(index) == cells(index)).all() for index in range(30))
-    autosave.close()
+    owner.close()
     assert (reference_map.packed(7) == cells(7)).all()
 
 
@@ -119,32 +119,32 @@ def test_a_read_only_map_or_folder_is_refused_at_the_start(path, what, monkeypat
 
 
 def test_a_full_disk_is_reported_once_and_places_are_written_when_space_returns(path):
-    autosave = grown(path, 1)
-    reference_map, database = autosave.reference_map, autosave._writer._database
+    owner = grown(path, 1)
+    reference_map, database = owner.reference_map, owner._writer._database
 
     def resize_disk(pages):
-        with autosave._writing:  # of two threads in one connection, one may miss its error
+        with owner._writing:  # of two threads in one connection, one may miss its error
             database.rows(f'PRAGMA max_page_count = {pages}')
 
     resize_disk(6)
     grow(reference_map, 400)
-    full = told(autosave)
+    full = told(owner)
     wait_for(full)
     assert 'map.db: cannot write' in full.text and 'make room on the disk' in full.text
     with pytest.raises(MapError, match='make room'):
-        autosave.flush()
-    tries = autosave._writer.copy = Mock(wraps=autosave._writer.copy)
+        owner.flush()
+    tries = owner._writer.copy = Mock(wraps=owner._writer.copy)
     wait_for(lambda: tries.call_count > 2)
-    del autosave._writer.copy  # a cycle would keep the file open
-    autosave.save()  # those fail without a word
+    del owner._writer.copy  # a cycle would keep the file open
+    owner.save()  # those fail without a word
     assert holds(path) == 1 and (reference_map.packed(40) == cells(40)).all()
     resize_disk(1_000_000)
-    wait_for(lambda: autosave.committed == 401)
+    wait_for(lambda: owner.committed == 401)
     assert holds(path) == 401
     resize_disk(6)
     grow(reference_map, 400)
     with pytest.raises(MapError, match='make room'):
-        autosave.close()
+        owner.close()
 
 
 def test_a_second_writer_is_refused_at_the_start_and_the_first_loses_nothing(path):
@@ -176,19 +176,19 @@ def test_an_owner_whose_lock_was_deleted_raises_an_error_and_writes_nothing(path
 
 
 def test_a_file_that_was_replaced_is_reported_and_left_alone(path, tmp_path):
-    autosave, other = grown(path, 1), tmp_path / 'other.db'
+    owner, other = grown(path, 1), tmp_path / 'other.db'
     path.rename(tmp_path / 'away.db')
     save_map(drawn(5), other)
     other.rename(path)
     before = path.read_bytes()
-    grow(autosave.reference_map, 1)
-    moved = told(autosave)
+    grow(owner.reference_map, 1)
+    moved = told(owner)
     wait_for(moved)
     assert 'map.db: was moved or replaced' in moved.text
     assert path.read_bytes() == before
     (tmp_path / 'away.db').rename(path)
-    wait_for(lambda: autosave.committed == 2)
-    autosave.close()
+    wait_for(lambda: owner.committed == 2)
+    owner.close()
     assert holds(path) == 2
 
 
@@ -203,20 +203,20 @@ def test_a_file_that_was_replaced_is_reported_and_left_alone(path, tmp_path):
     ids=['cut short', 'empty', 'overwritten', 'another map'],
 )
 def test_a_file_that_others_cut_short_or_overwrite_is_given_up(path, tmp_path, harm, told):
-    autosave, other = grown(path, 5), tmp_path / 'other.db'
+    owner, other = grown(path, 5), tmp_path / 'other.db'
     save_map(drawn(400), other)
     harmed = harm(path.read_bytes(), other.read_bytes())
     path.write_bytes(harmed)
-    grow(autosave.reference_map, 1)
-    for tell in (autosave.flush, autosave.save):
+    grow(owner.reference_map, 1)
+    for tell in (owner.flush, owner.save):
         with pytest.raises(MapError, match=f'was cut short or overwritten {told}') as caught:
             tell()
         assert '\n' not in str(caught.value) and 'restore the file' in str(caught.value)
-    autosave.save()
+    owner.save()
     with pytest.raises(MapError, match=r'map\.db: '):
-        autosave.reference_map.pictures(range(5))
+        owner.reference_map.pictures(range(5))
     with pytest.raises(MapError, match='was cut short or overwritten'):
-        autosave.close()
+        owner.close()
     assert path.read_bytes() == harmed
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Autosave: writes the places that are added to a map to its file, in the background."""
+"""The owner of a map that grows: it appends added places to the file, in the background."""
 
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -12,7 +12,7 @@ from convseq_ros.core.map.database import is_damage
 from convseq_ros.core.map.edit import prune_looks
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.pruning import Pruning
-from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.reader import map_id_of
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
@@ -22,8 +22,8 @@ _COMMIT_EVERY_S = 0.5  # a crash may lose this much; each commit waits for the d
 _PLACES_AT_ONCE = 500  # in a transaction, 10 MB of memory
 
 
-class NoAutosave:
-    """A map that is only in memory, or does not grow."""
+class MapOwner:
+    """The owner of a map that is only in memory, or does not grow."""
 
     committed = 0  # number of places that are safe in a file
     committed_s: float | None = None  # monotonic time at which the file grew last
@@ -50,9 +50,9 @@ class NoAutosave:
         self.lost = self.lost or why
 
 
-class Autosave(NoAutosave):
+class Appender(MapOwner):
     """
-    Owns a map file, and writes added places to it in a background thread.
+    The one owner of a map file that grows; it appends places to it in a background thread.
 
     A place is safe on disk half a second after it was added. Its picture is then released from
     memory, so that a map can grow all day. If the file is moved or replaced, or another program
@@ -87,7 +87,7 @@ class Autosave(NoAutosave):
             self._opened = opened.pop_all()
         self._writing = Lock()
         self._news, self._end = Bell(), Bell()
-        self._thread = Thread(target=self._run, name='autosave', daemon=True)
+        self._thread = Thread(target=self._run, name='appender', daemon=True)
         self._thread.start()
 
     def save(self) -> None:
@@ -186,7 +186,7 @@ class Autosave(NoAutosave):
             return
         why = 'it is shorter' if now[0] < self._left[0] else ''
         try:
-            if MapReader(self._path).settings.map_id != self.reference_map.map_id:
+            if map_id_of(self._path) != self.reference_map.map_id:
                 why = 'it is another map'
         except MapError as error:
             why = str(error.__cause__ or 'it is no map')
