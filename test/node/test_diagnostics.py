@@ -25,17 +25,55 @@ def impatient(monkeypatch):
     monkeypatch.setattr(following_subscription, '_SILENCE_S', 0.2)
 
 
+def moved(sec, nanosec=0, x=0.0):
+    message = Odometry()
+    message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+    message.pose.pose.position.x, message.pose.pose.orientation.w = x, 1.0
+    return message
+
+
 def status_with(client, text):
     heard = client.listen(DiagnosticArray, '/diagnostics')
     client.wait_for(lambda: heard and text in heard[-1].status[0].message, text)
     return heard[-1].status[0]
 
 
-def test_no_map_is_an_error_that_names_the_service(client, vpr):
+CARRIES = 'carries geometry_msgs/msg/PoseStamped, not nav_msgs/msg/Odometry'
+FIRST = 'no images for'
+# What has a publisher, where the node looks for images, and what it says; each once in the log.
+MISSING = [
+    ({'/odom': PoseStamped}, '/image', 'no odometry:', f'/odom {CARRIES}; remap it: -r odom:='),
+    ({'/image': Image}, '/front', FIRST, '/front has no publisher; images are on /image; to take'),
+    ({'/image': Image}, '/image', FIRST, '/image has 1 publisher(s), but none sends'),
+    ({'/cam/compressed': CompressedImage}, '/cam', FIRST, '-r image:=/cam/compressed'),
+    ({'/cam': Image}, '/cam/compressed', FIRST, 'to take the first: -r image:=/cam'),
+    ({'/cam': DiagnosticArray}, '/cam', FIRST, 'remap `image` to a topic of sensor_msgs/msg/Im'),
+]
+
+
+@pytest.mark.parametrize(('given', 'topic', 'first', 'told'), MISSING)
+def test_what_is_missing_is_a_warning_with_the_remedy_that_is_logged_once(
+    client, vpr, map_path, impatient, capfd, given, topic, first, told
+):
+    for name, kind in given.items():
+        client.node.create_publisher(kind, name, 1)
+    vpr('-r', f'image:={topic}', map_path=map_path, **PERIOD)
+    status = status_with(client, told)
+    assert status.level == DiagnosticStatus.WARN and first in status.message
+    heard = client.listen(DiagnosticArray, '/diagnostics')
+    client.wait_for(lambda: len(heard) >= 5 and first in heard[-1].status[0].message)
+    assert capfd.readouterr().err.count(first) == 1
+
+
+def test_without_a_map_or_its_file_there_is_an_error(client, vpr, tmp_path):
     vpr(**PERIOD)
     status = status_with(client, '/vpr_node/load_map')
     assert status.level == DiagnosticStatus.ERROR
     assert status.name == 'vpr_node: place recognition'
+    node = vpr('-r', '__ns:=/b', map_path=tmp_path / 'map.db', mode='online', **PERIOD)
+    client.wait_for(lambda: node._ready)
+    node._recognition.pipeline.owner.give_up('map.db: damaged map')
+    assert status_with(client, 'map.db: damaged map').level == DiagnosticStatus.ERROR
 
 
 def test_a_node_that_receives_images_is_ok(client, vpr, map_path, street, image):
@@ -58,11 +96,8 @@ def test_keyframes_by_odometry_without_odometry_are_a_warning(
     assert status.level == DiagnosticStatus.WARN
     odometry = client.node.create_publisher(Odometry, '/odom', 1)
 
-    message = Odometry()
-    message.header.stamp.sec, message.pose.pose.orientation.w = 1, 1.0
-
     def told():
-        odometry.publish(message)
+        odometry.publish(moved(1))
         camera.publish(image(street[0], SECOND))
         return len(heard) and heard[-1].status[0].level == DiagnosticStatus.OK
 
@@ -72,11 +107,8 @@ def test_keyframes_by_odometry_without_odometry_are_a_warning(
 
 def test_odometry_that_stops_is_a_warning(client, vpr, map_path, street, image, impatient, capfd):
     vpr(map_path=map_path, **PERIOD)
-    message = Odometry()
-    message.header.stamp.sec, message.pose.pose.orientation.w = 1, 1.0
     camera = client.camera(Image)
-    odometry = client.camera(Odometry, '/odom')  # waits until the node hears it
-    odometry.publish(message)
+    client.camera(Odometry, '/odom').publish(moved(1))
     heard = client.listen(DiagnosticArray, '/diagnostics')
 
     def told():
@@ -90,18 +122,10 @@ def test_odometry_that_stops_is_a_warning(client, vpr, map_path, street, image, 
     assert capfd.readouterr().err.count('odometry stopped') == 1
 
 
-def test_odometry_of_another_type_is_a_warning(client, vpr, map_path, impatient):
-    client.node.create_publisher(PoseStamped, '/odom', 1)
-    vpr(map_path=map_path, **PERIOD)
-    text = status_with(client, 'no odometry: /odom carries geometry_msgs/msg/PoseStamped').message
-    assert ', not nav_msgs/msg/Odometry; remap it: -r odom:=TOPIC' in text
-
-
 def test_a_node_with_the_same_name_is_a_warning(client, vpr, map_path):
-    vpr(map_path=map_path, **PERIOD)
-    status_with(client, 'recognising places')
-    vpr(map_path=map_path, **PERIOD)
-    status = status_with(client, 'another node is named /vpr_node')
+    for told in ('recognising places', 'another node is named /vpr_node'):
+        vpr(map_path=map_path, **PERIOD)
+        status = status_with(client, told)
     assert status.level == DiagnosticStatus.WARN
 
 
@@ -109,26 +133,6 @@ def test_a_disabled_node_does_not_warn_of_missing_images(client, vpr, map_path, 
     vpr(map_path=map_path, **PERIOD)
     client.call(SetBool, '/vpr_node/set_enabled', data=False)
     assert status_with(client, 'disabled').level == DiagnosticStatus.OK
-
-
-@pytest.mark.parametrize(
-    ('topic', 'told'),
-    [
-        ('/front/image', '/front/image has no publisher; images are on /image; to take the first'),
-        ('/image', '/image has 1 publisher(s), but none sends'),
-    ],
-)
-def test_missing_images_are_a_warning_that_is_logged_once(
-    client, vpr, map_path, impatient, capfd, topic, told
-):
-    client.node.create_publisher(Image, '/image', 1)
-    vpr('-r', f'image:={topic}', map_path=map_path, **PERIOD)
-    status = status_with(client, told)
-    assert status.level == DiagnosticStatus.WARN
-    assert status.message.startswith('no images for')
-    heard = client.listen(DiagnosticArray, '/diagnostics')
-    client.wait_for(lambda: len(heard) >= 5 and 'no images for' in heard[-1].status[0].message)
-    assert capfd.readouterr().err.count('no images for') == 1
 
 
 def test_without_a_camera_the_topics_with_images_are_named_ready_to_paste(
@@ -195,43 +199,16 @@ def test_a_camera_is_reported_once_each_time_that_it_stops(
     assert capfd.readouterr().err.count('the camera stopped') == 2
 
 
-@pytest.mark.parametrize(
-    ('named', 'kind', 'topic', 'remedy'),
-    [
-        ('/cam', CompressedImage, '/cam/compressed', '-r image:=/cam/compressed'),
-        ('/cam/compressed', Image, '/cam', 'to take the first: -r image:=/cam'),
-        ('/cam', DiagnosticArray, '/cam', 'remap `image` to a topic of sensor_msgs/msg/Image'),
-    ],
-)
-def test_images_of_another_type_are_reported_with_the_remedy(
-    client, vpr, map_path, impatient, named, kind, topic, remedy
-):
-    client.node.create_publisher(kind, topic, 1)
-    vpr('-r', f'image:={named}', map_path=map_path, **PERIOD)
-    assert status_with(client, remedy).level == DiagnosticStatus.WARN
-
-
-def test_a_map_whose_file_is_lost_is_an_error(client, vpr, tmp_path):
-    node = vpr(map_path=tmp_path / 'map.db', mode='online', **PERIOD)
-    client.wait_for(lambda: node._ready)
-    node._recognition.pipeline.owner.give_up('map.db: damaged map')
-    status = status_with(client, 'map.db: damaged map')
-    assert status.level == DiagnosticStatus.ERROR
-
-
 def test_constant_or_whole_second_stamps_are_a_warning(
     client, vpr, map_path, street, image, capfd
 ):
     node = vpr(map_path=map_path, **PERIOD)
     odometry, camera = client.camera(Odometry, '/odom'), client.camera(Image)
-    message = Odometry()
-    message.pose.pose.orientation.w = 1.0
+    metres = count(0.2, 0.2)
 
     def state_with(stamps_ns, told):
         for stamp_ns in stamps_ns:
-            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, SECOND)
-            message.pose.pose.position.x += 0.2
-            odometry.publish(message)
+            odometry.publish(moved(*divmod(stamp_ns, SECOND), next(metres)))
             camera.publish(image(street[0], stamp_ns))
         return status_with(client, told)
 

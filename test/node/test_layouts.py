@@ -5,7 +5,6 @@
 import json
 from pathlib import Path
 import re
-import subprocess
 
 import pytest
 
@@ -24,8 +23,10 @@ RVIZ_TYPES = {
 }
 
 
-def published_by(node):
+@pytest.fixture
+def published(vpr):
     """Return what a node publishes: types and durability by name."""
+    node = vpr()
     name, namespace = node.get_name(), node.get_namespace()
     topics = node.get_publisher_names_and_types_by_node(name, namespace)
     found = {}
@@ -37,24 +38,6 @@ def published_by(node):
         )
         found[topic] = types[0], info.qos_profile.durability.name
     return found
-
-
-@pytest.fixture
-def published(vpr):
-    return published_by(vpr())
-
-
-def test_the_pages_commands_move_the_layouts_into_a_namespace(vpr, tmp_path):
-    page = (CONFIG.parent / 'docs' / 'howto' / 'launch.md').read_text(encoding='utf-8')
-    commands = re.findall(r"^sed '.*$", page, re.MULTILINE)
-    assert len(commands) == 2
-    published = published_by(vpr('-r', '__ns:=/robot1'))
-    for command in commands:
-        words = command.replace('config/', f'{CONFIG}/')
-        subprocess.run(['bash', '-c', words], cwd=tmp_path, check=True)
-    text = ''.join(path.read_text() for path in tmp_path.iterdir())
-    names = set(re.findall(r'/[a-z0-9_/]*vpr_node/[a-z_/]+', text))
-    assert names and names <= published.keys()
 
 
 def test_rviz_shows_topics_of_the_node_with_their_types(published):

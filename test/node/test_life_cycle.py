@@ -4,6 +4,7 @@
 
 import os
 import threading
+from unittest.mock import Mock
 
 from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.node import vpr_node
@@ -111,46 +112,33 @@ def test_cleanup_during_warm_up_releases_the_map(client, managed, tmp_path, monk
         assert [each.name for each in tmp_path.iterdir()] == ['map.db']
 
 
-def test_a_map_that_cannot_be_opened_refuses_to_be_configured(client, managed, tmp_path):
-    _, change, state = managed(map_path=tmp_path / 'missing.db')
-    assert not change(CONFIGURE)
-    assert state() == UNCONFIGURED
-    assert not change(CONFIGURE)
+@pytest.mark.parametrize('cause', ['no map', 'an error that nobody foresaw'])
+def test_what_cannot_be_configured_is_refused_and_holds_no_map(
+    managed, tmp_path, monkeypatch, cause
+):
+    path = tmp_path / 'map.db'
+    _, change, state = managed(map_path=path, mode='preloaded' if cause == 'no map' else 'online')
+    with monkeypatch.context() as patched:
+        if cause != 'no map':
+            patched.setattr(vpr_node, 'Counters', Mock(side_effect=RuntimeError(cause)))
+        for _ in range(2):
+            assert not change(CONFIGURE) and state() == UNCONFIGURED
+    if cause != 'no map':
+        assert change(CONFIGURE) and state() == INACTIVE
 
 
 def test_an_impossible_transition_is_refused_and_the_state_stays(client, managed, map_path, capfd):
     _, change, state = managed(map_path=map_path)
-    assert not change(ACTIVATE)
-    assert not change(99)
+    assert not change(ACTIVATE) and not change(99) and state() == UNCONFIGURED
     told = 'transition 3 is not possible: the node is unconfigured; call configure (1) or'
     assert told in capfd.readouterr().err
-    assert state() == UNCONFIGURED
-    assert change(CONFIGURE) and not change(CONFIGURE)
-    assert state() == INACTIVE
-
-
-def test_an_inactive_node_answers_services_and_reports_that_it_is_inactive(
-    client, managed, map_path, capfd
-):
-    _, change, state = managed(map_path=map_path)
-    assert change(CONFIGURE)
+    assert change(CONFIGURE) and not change(CONFIGURE) and state() == INACTIVE
+    # Inactive, it answers services.
     answer = client.call(Trigger, '/vpr_node/localize')
     assert not answer.success and 'activate' in answer.message
     assert change(Transition.TRANSITION_INACTIVE_SHUTDOWN) and state() == FINALIZED
     assert not change(CONFIGURE)
     assert 'the node is finalized; end it and start it again' in capfd.readouterr().err
-
-
-def test_an_unexpected_error_while_configuring_releases_the_map(managed, tmp_path, monkeypatch):
-    _, change, state = managed(map_path=tmp_path / 'map.db', mode='online')
-
-    def fail(*_):
-        raise RuntimeError('nobody foresaw this')
-
-    with monkeypatch.context() as patched:
-        patched.setattr(vpr_node, 'Counters', fail)
-        assert not change(CONFIGURE) and state() == UNCONFIGURED
-    assert change(CONFIGURE) and state() == INACTIVE
 
 
 def test_a_node_that_is_destroyed_leaves_the_graph(client):

@@ -4,7 +4,6 @@
 
 import math
 import sys
-import types
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -26,33 +25,26 @@ SECOND = 1_000_000_000
 @pytest.fixture
 def transforms(monkeypatch):
     """Return a node's mock and its MapToOdom, with a stand-in for tf2_msgs."""
-    kind = type('TFMessage', (), {'__init__': lambda self, transforms: setattr(
-        self, 'transforms', transforms)})  # fmt: skip
-    module = types.ModuleType('tf2_msgs.msg')
-    module.TFMessage = kind
-    monkeypatch.setitem(sys.modules, 'tf2_msgs', types.ModuleType('tf2_msgs'))
+    module = SimpleNamespace(TFMessage=lambda transforms: SimpleNamespace(transforms=transforms))
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', SimpleNamespace(msg=module))
     monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', module)
     node, topics = Mock(), {}
     node.create_publisher = lambda _kind, name, _qos, **_more: topics.setdefault(name, Mock())
     return node, topics, MapToOdom(node, 'map', True)
 
 
-def test_the_transform_is_broadcast_at_most_20_times_a_second(transforms):
+def test_the_transform_is_broadcast_at_most_20_times_a_second_dated_ahead_on_tf(transforms):
     _, topics, made = transforms
     for ms in range(0, 200, 10):
         made.publish(SECOND + ms * 10**6, 'odom', np.eye(4))
     assert topics['/tf'].publish.call_count == topics['~/map_to_odom'].publish.call_count == 4
-    (one,) = topics['/tf'].publish.call_args.args[0].transforms
+    own, *_ = (call.args[0] for call in topics['/tf'].publish.call_args_list)
+    (one,) = own.transforms
     assert (one.header.frame_id, one.child_frame_id) == ('map', 'odom')
-
-
-def test_on_tf_the_transform_is_dated_ahead_and_still_known_as_our_own(transforms):
-    _, topics, made = transforms
-    made.publish(SECOND, 'odom', np.eye(4))
-    (ahead,) = topics['/tf'].publish.call_args.args[0].transforms
-    assert stamp_to_ns(ahead.header.stamp) == SECOND + SECOND // 10
-    assert stamp_to_ns(topics['~/map_to_odom'].publish.call_args.args[0].header.stamp) == SECOND
-    made._on_tf(topics['/tf'].publish.call_args.args[0])
+    assert stamp_to_ns(one.header.stamp) == SECOND + SECOND // 10
+    told = topics['~/map_to_odom'].publish.call_args_list[0].args[0]
+    assert stamp_to_ns(told.header.stamp) == SECOND
+    made._on_tf(own)  # comes back, and is known as our own
     assert not made.problem
 
 
@@ -61,25 +53,24 @@ def test_frames_with_the_slash_of_ros_1_are_compared_and_sent_without(transforms
     made.publish(SECOND, '/odom', np.eye(4))
     (one,) = topics['/tf'].publish.call_args.args[0].transforms
     assert one.child_frame_id == 'odom'
-    theirs = TransformStamped(header=Header(frame_id='map'), child_frame_id='/odom')
-    made._on_tf(types.SimpleNamespace(transforms=[theirs]))
+    made._on_tf(on_tf('map', '/odom'))
     assert 'is on /tf already' in made.problem
     made.publish(2 * SECOND, '/map', np.eye(4))
     assert topics['~/map_to_odom'].publish.call_count == 1
 
 
+def on_tf(parent, child):
+    stamped = TransformStamped(header=Header(frame_id=parent), child_frame_id=child)
+    return SimpleNamespace(transforms=[stamped])
+
+
 def test_a_second_publisher_of_the_transform_ends_the_broadcast_with_one_error(transforms):
     node, topics, made = transforms
     made.publish(SECOND, 'odom', np.eye(4))
-    own = topics['/tf'].publish.call_args.args[0]
-    made._on_tf(own)  # comes back
+    made._on_tf(on_tf('odom', 'base_link'))
     assert not made.problem
-    base = TransformStamped(header=Header(frame_id='odom'), child_frame_id='base_link')
-    made._on_tf(types.SimpleNamespace(transforms=[base]))
-    assert not made.problem
-    theirs = TransformStamped(header=Header(frame_id='world'), child_frame_id='odom')
     for _ in range(3):
-        made._on_tf(types.SimpleNamespace(transforms=[theirs]))
+        made._on_tf(on_tf('world', 'odom'))
     made.publish(2 * SECOND, 'odom', np.eye(4))
     assert topics['/tf'].publish.call_count == 1
     assert topics['~/map_to_odom'].publish.call_count == 2
@@ -94,7 +85,6 @@ def test_odometry_in_the_frame_of_the_map_has_no_transform(transforms):
     assert not topics['~/map_to_odom'].publish.called
 
 
-SECOND = 1_000_000_000
 NOISE = np.diag([0.01] * 3 + [1e-4] * 3)
 OFF = matrix(at(100.0, -20.0, 1.0))  # the frame of odometry in the map
 

@@ -135,18 +135,12 @@ def test_no_frame_is_dropped_while_maps_are_saved_and_loaded(
     first, other, copy = tmp_path / 'first.db', tmp_path / 'other.db', tmp_path / 'copy.db'
     save_map(street_map, other)
     node = vpr(map_path=first, save_map_path=copy, **ONLINE)
-    held = threading.Event()
-
-    def slowly(function):
-        def run(*args, **kwargs):
-            assert held.wait(60)
-            return function(*args, **kwargs)
-
-        return run
-
+    held, sent = threading.Event(), 0
     indices = client.listen(Int32, '/vpr_node/match_index')
     camera = client.camera(Image)
-    sent = 0
+
+    def slowly(function):
+        return lambda *given, **more: held.wait(60) and function(*given, **more)
 
     def stream(condition):
         """Send a frame for every answer until something holds."""
@@ -161,28 +155,24 @@ def test_no_frame_is_dropped_while_maps_are_saved_and_loaded(
         client.wait_for(step)
 
     stream(lambda: sent > 10)
-    for module, name, kind, request in (
-        ('services.map_services.save_map', 'save_map', Trigger, Trigger.Request()),
-        ('vpr_node.Pipeline', 'load_map', LoadMap, LoadMap.Request(map_url=str(other))),
+    for module, name, kind, target, request in (
+        ('services.map_services.save_map', 'save_map', Trigger, save_map, {}),
+        ('vpr_node.Pipeline', 'load_map', LoadMap, Pipeline, {'map_url': str(other)}),
     ):
-        target = f'convseq_ros.node.{module}'
         held.clear()
         with monkeypatch.context() as patch:
-            patch.setattr(target, slowly(save_map if kind is Trigger else Pipeline))
+            patch.setattr(f'convseq_ros.node.{module}', slowly(target))
             service = client.service(kind, f'/vpr_node/{name}')
-            future, before = service.call_async(request), sent
+            future, before = service.call_async(kind.Request(**request)), sent
             stream(lambda before=before: sent > before + 10)
             assert not future.done()
             held.set()
             stream(future.done)
         answer = future.result()
-        good = answer.success if kind is Trigger else not answer.result
-        assert good, answer
-    stream(lambda: sent > 60)
+        assert answer.success if kind is Trigger else not answer.result, answer
     client.wait_for(lambda: node._counters.processed == sent, 'every frame counted')
     client.wait_for(lambda: len(indices) == sent, 'every answer heard')
-    assert node._worker.dropped == 0
-    assert node._counters.received == sent
+    assert (node._worker.dropped, node._counters.received) == (0, sent)
     assert 10 < len(open_map(copy)) < sent
     total = len(open_map(first))
     assert 20 < total < sent
@@ -253,16 +243,10 @@ def test_diagnostics_report_an_error_while_the_map_cannot_be_written(
 
 
 def test_the_node_subscribes_to_images_after_warming_up(
-    client, vpr, map_path, street, image, monkeypatch, capfd
+    client, vpr, map_path, show, monkeypatch, capfd
 ):
-    warm = threading.Event()
-    warm_up = Pipeline.warm_up
-
-    def slowly(pipeline):
-        assert warm.wait(60)
-        warm_up(pipeline)
-
-    monkeypatch.setattr(Pipeline, 'warm_up', slowly)
+    warm, warm_up = threading.Event(), Pipeline.warm_up
+    monkeypatch.setattr(Pipeline, 'warm_up', lambda of: warm.wait(60) and warm_up(of))
     vpr(map_path=map_path, fixed_length=1, diagnostics_period_s=0.1)
     diagnostics = client.listen(DiagnosticArray, '/diagnostics')
     client.wait_for(lambda: diagnostics)
@@ -270,10 +254,7 @@ def test_the_node_subscribes_to_images_after_warming_up(
     assert diagnostics[-1].status[0].message == 'warming up'
     assert client.node.count_subscribers('/image') == 0
     warm.set()
-    indices = client.listen(Int32, '/vpr_node/match_index')
-    client.camera(Image).publish(image(street[3], SECOND))
-    client.wait_for(lambda: indices)
-    assert indices[0].data == 3
+    assert show(3) == 3
     client.wait_for(lambda: client.values_of(diagnostics[-1])['state'] == 'enabled')
     printed = ''.join(capfd.readouterr())
     assert 'kernel numpy, ready after' in printed

@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 
 import convseq_ros
 from convseq_ros.app.result_row import COLUMNS
-from convseq_ros.cli import COMMANDS, main
+from convseq_ros.cli import COMMANDS
 from convseq_ros.config import core_parameters
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import parameters
@@ -192,27 +192,6 @@ def test_the_public_surface_is_as_promised(surface):
     assert surface == json.loads(KEPT.read_text(encoding='utf-8'))
     told = [line for lines in surface[MAY_CHANGE].values() for line in lines]
     assert not [one for one in CHANGING if not any(line.startswith(one) for line in told)]
-
-
-@pytest.mark.parametrize(
-    ('code', 'words'),
-    [
-        (0, ['config']),
-        (0, ['--version']),
-        (1, ['info', 'absent.db']),  # one line says why
-        (1, ['replay', 'absent', '--map', 'absent.db']),
-        (2, ['replay', '--no-such-option']),  # the usage
-        (2, ['no-such-command']),
-    ],
-)
-def test_the_exit_code_separates_errors_from_wrong_usage(code, words, capsys):
-    try:
-        ended = main(words)
-    except SystemExit as end:
-        ended = end.code
-    told = capsys.readouterr().err
-    assert ended == code
-    assert len(told.splitlines()) == 1 if code == 1 else 'Traceback' not in told
 
 
 POLICY = Path(__file__).resolve().parents[2] / 'config' / 'sros2_policy.xml'

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Odometry, camera_info and TF complete the frames."""
 
+from functools import partial
 import sys
 import threading
 from types import SimpleNamespace
@@ -111,111 +112,108 @@ class Tracked:
 
     def __init__(self, monkeypatch, wait_s=0.05, publishers=1):
         monkeypatch.setattr(FollowingSubscription, 'start', lambda _self: None)
-        self.node = Mock()
-        self.node.count_publishers.return_value = publishers
+        node = Mock()
+        node.count_publishers.return_value = publishers
+        self.warning = node.get_logger.return_value.warning
         self.bases = {}  # poses of the base in other frames
         frame = OdometryFrame('base_link', self.bases.get)
-        self.odometry = OdometryListener(self.node, wait_s, frame)
-        self.hear = self.odometry._subscription.hear
+        self.odometry = OdometryListener(node, wait_s, frame)
+        self.pose_at, self._hear = self.odometry.pose_at, self.odometry._subscription.hear
+
+    def hear(self, *told, **more):
+        for x, stamp_ns in told:
+            self._hear(odometry(x, stamp_ns, **more))
 
     def wait_for_pose(self, stamp_ns):
         """Ask for a pose in a thread; return it, and what it is going to find."""
         found = []
-        waiting = threading.Thread(target=lambda: found.append(self.odometry.pose_at(stamp_ns)))
+        waiting = threading.Thread(target=lambda: found.append(self.pose_at(stamp_ns)))
         waiting.start()
         return waiting, found
 
 
-def test_an_image_waits_for_its_odometry(monkeypatch):
-    tracked = Tracked(monkeypatch, wait_s=20.0)
-    tracked.hear(odometry(0, SECOND))
-    waiting, found = tracked.wait_for_pose(SECOND + 50 * MS)
-    tracked.hear(odometry(1, SECOND + 100 * MS))
+@pytest.fixture
+def tracked(monkeypatch):
+    """Return a maker of such a listener."""
+    return partial(Tracked, monkeypatch)
+
+
+def test_an_image_waits_for_its_odometry(tracked):
+    one = tracked(wait_s=20.0)
+    one.hear((0, SECOND))
+    waiting, found = one.wait_for_pose(SECOND + 50 * MS)
+    one.hear((1, SECOND + 100 * MS))
     waiting.join(10)
     assert found[0].position[0] == 0.5
 
 
-def test_a_pose_is_extrapolated_from_the_last_two_after_a_short_wait():
-    with pytest.MonkeyPatch.context() as patch:
-        tracked = Tracked(patch, wait_s=0.001)
-        tracked.hear(odometry(0, SECOND))
-        tracked.hear(odometry(1, SECOND + 100 * MS))
-        assert tracked.odometry.pose_at(SECOND + 150 * MS).position[0] == pytest.approx(1.5)
-        assert tracked.odometry.pose_at(SECOND + 400 * MS) is None
-        assert tracked.odometry.missing.count == 1
+def test_a_pose_is_extrapolated_from_the_last_two_after_a_short_wait(tracked):
+    one = tracked(wait_s=0.001)
+    one.hear((0, SECOND), (1, SECOND + 100 * MS))
+    assert one.pose_at(SECOND + 150 * MS).position[0] == pytest.approx(1.5)
+    assert one.pose_at(SECOND + 400 * MS) is None
+    assert one.odometry.missing.count == 1
 
 
-def test_no_image_waits_for_odometry_that_stopped_or_never_came(monkeypatch):
-    stopped = Tracked(monkeypatch, wait_s=3600.0)
-    stopped.hear(odometry(0, SECOND))
-    assert stopped.odometry.pose_at(3 * SECOND) is None
-    silent = Tracked(monkeypatch, wait_s=3600.0, publishers=0)
-    assert silent.odometry.pose_at(SECOND) is None
+def test_no_image_waits_for_odometry_that_stopped_or_never_came(tracked):
+    stopped = tracked(wait_s=3600.0)
+    stopped.hear((0, SECOND))
+    assert stopped.pose_at(3 * SECOND) is None
+    silent = tracked(wait_s=3600.0, publishers=0)
+    assert silent.pose_at(SECOND) is None
     assert silent.odometry.missing.count == 0
-    announced = Tracked(monkeypatch, wait_s=0.0)
+    announced = tracked(wait_s=0.0)
     for _ in range(3):
-        announced.odometry.pose_at(SECOND)
+        announced.pose_at(SECOND)
     announced.odometry.waiting.wait_s = 3600.0
-    assert announced.odometry.pose_at(SECOND) is None
+    assert announced.pose_at(SECOND) is None
 
 
-def test_after_three_vain_waits_images_do_not_wait_until_odometry_returns(monkeypatch):
-    tracked = Tracked(monkeypatch, wait_s=0.001)
-    tracked.hear(odometry(0, SECOND))
+def test_after_three_vain_waits_images_do_not_wait_until_odometry_returns(tracked):
+    one = tracked(wait_s=0.001)
+    one.hear((0, SECOND))
     for _ in range(3):
-        assert tracked.odometry.pose_at(SECOND + 500 * MS) is None
-    tracked.odometry.waiting.wait_s = 3600.0
-    assert tracked.odometry.pose_at(SECOND + 500 * MS) is None
-    tracked.hear(odometry(1, SECOND + 100 * MS))
-    waiting, found = tracked.wait_for_pose(SECOND + 150 * MS)
+        assert one.pose_at(SECOND + 500 * MS) is None
+    one.odometry.waiting.wait_s = 3600.0
+    assert one.pose_at(SECOND + 500 * MS) is None
+    one.hear((1, SECOND + 100 * MS))
+    waiting, found = one.wait_for_pose(SECOND + 150 * MS)
     waiting.join(0.05)
     assert not found
-    tracked.hear(odometry(2, SECOND + 200 * MS))
+    one.hear((2, SECOND + 200 * MS))
     waiting.join(10)
     assert found[0].position[0] == 1.5
 
 
 @pytest.mark.parametrize(('ahead_s', 'told'), [(100, '90.0 s later'), (2, '8.0 s earlier')])
-def test_odometry_by_another_clock_is_reported(monkeypatch, ahead_s, told):
-    tracked = Tracked(monkeypatch)
-    tracked.hear(odometry(0, ahead_s * SECOND))
-    warning = tracked.node.get_logger.return_value.warning
-    for _ in range(19):
-        assert tracked.odometry.pose_at(10 * SECOND) is None
-    assert not warning.called
-    tracked.odometry.pose_at(10 * SECOND)
-    assert told in warning.call_args.args[0]
-    assert tracked.odometry.missing.count == 20
+def test_odometry_by_another_clock_is_reported(tracked, ahead_s, told):
+    one = tracked()
+    one.hear((0, ahead_s * SECOND))
+    for _ in range(20):
+        assert not one.warning.called and one.pose_at(10 * SECOND) is None
+    assert told in one.warning.call_args.args[0]
+    assert one.odometry.missing.count == 20
 
 
-def test_odometry_that_is_not_a_pose_or_has_no_stamp_is_one_warning(monkeypatch):
-    tracked = Tracked(monkeypatch)
-    tracked.hear(odometry(float('nan'), SECOND))
-    tracked.hear(odometry(1, 0))
-    assert not tracked.odometry.heard
-    warning = tracked.node.get_logger.return_value.warning
-    assert all(call.kwargs['once'] for call in warning.call_args_list)
+def test_odometry_that_is_not_a_pose_or_has_no_stamp_is_one_warning(tracked):
+    one = tracked()
+    one.hear((float('nan'), SECOND), (1, 0))
+    assert not one.odometry.heard
+    assert all(call.kwargs['once'] for call in one.warning.call_args_list)
 
 
-def test_odometry_of_another_frame_waits_for_tf_and_is_then_carried(monkeypatch):
-    tracked = Tracked(monkeypatch)
-    tracked.hear(odometry(0, SECOND, child='imu'))
-    assert not tracked.odometry.heard
-    tracked.bases['imu'] = Pose((0.0, 2.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    tracked.hear(odometry(1, 2 * SECOND, child='imu'))
-    assert tracked.odometry.pose_at(2 * SECOND).position == (1.0, 2.0, 0.0)
-    assert not tracked.node.get_logger.return_value.warning.called
-
-
-def test_odometry_that_tf_never_places_is_left_out_with_a_line(monkeypatch):
-    tracked = Tracked(monkeypatch)
-    warning = tracked.node.get_logger.return_value.warning
-    tracked.hear(odometry(0, SECOND, child='imu'))
-    tracked.hear(odometry(1, 4 * SECOND - 1, child='imu'))
-    assert not warning.called
-    tracked.hear(odometry(1, 4 * SECOND, child='imu'))
-    assert 'poses are of imu' in warning.call_args.args[0] and warning.call_args.kwargs['once']
-    assert not tracked.odometry.heard
+def test_odometry_of_another_frame_waits_for_tf_and_is_then_carried_or_left_out(tracked):
+    one = tracked()
+    one.hear((0, SECOND), (1, 4 * SECOND - 1), child='imu')
+    assert not one.odometry.heard and not one.warning.called
+    one.hear((1, 4 * SECOND), child='imu')
+    assert 'poses are of imu' in one.warning.call_args.args[0]
+    assert one.warning.call_args.kwargs['once'] and not one.odometry.heard
+    soon = tracked()
+    soon.hear((0, SECOND), child='imu')
+    soon.bases['imu'] = Pose((0.0, 2.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    soon.hear((1, 2 * SECOND), child='imu')
+    assert soon.pose_at(2 * SECOND).position == (1.0, 2.0, 0.0) and not soon.warning.called
 
 
 LENS = SimpleNamespace(x=-0.5, y=0.5, z=-0.5, w=0.5)  # x right, y down, z ahead: REP-103
@@ -243,12 +241,19 @@ def node():
     return SimpleNamespace(get_logger=lambda: logger, said=said)
 
 
-def test_a_lens_frame_that_looks_ahead_gives_a_mount_without_rotation(node, monkeypatch):
+@pytest.fixture
+def mount(node, monkeypatch):
+    """Return a mount by TF, which knows the frame of the lens once it is told so."""
+    assert Mount(node, 'base_link').base_in('lens') is None  # without tf2_ros
     tf = SimpleNamespace(Buffer=Buffer, TransformListener=lambda _buffer, _node: None)
     monkeypatch.setitem(sys.modules, 'tf2_ros', tf)
-    mount = Mount(node, 'base_link')
-    assert mount.of('lens') is None and mount.of('') is None
-    mount._buffer.known = True
+    made = Mount(node, 'base_link')
+    assert made.of('lens') is None and made.of('') is None and made.base_in('lens') is None
+    made._buffer.known = True
+    return made
+
+
+def test_a_lens_frame_that_looks_ahead_gives_a_mount_without_rotation(node, mount):
     pose = mount.of('lens')
     assert pose.position == pytest.approx((0.3, 0.0, 1.2))
     assert pose.orientation == pytest.approx((0, 0, 0, 1), abs=1e-9)
@@ -257,13 +262,7 @@ def test_a_lens_frame_that_looks_ahead_gives_a_mount_without_rotation(node, monk
     assert mount.of('another') is None
 
 
-def test_only_a_frame_that_does_not_move_on_the_robot_carries_odometry(node, monkeypatch):
-    assert Mount(node, 'base_link').base_in('lens') is None  # without tf2_ros
-    tf = SimpleNamespace(Buffer=Buffer, TransformListener=lambda _buffer, _node: None)
-    monkeypatch.setitem(sys.modules, 'tf2_ros', tf)
-    mount = Mount(node, 'base_link')
-    assert mount.base_in('lens') is None
-    mount._buffer.known = True
+def test_only_a_frame_that_does_not_move_on_the_robot_carries_odometry(mount):
     assert mount.base_in('lens').position == (0.3, 0.0, 1.2)
     mount._buffer.stamp_ns = SECOND
     assert mount.base_in('lens') is None

@@ -3,6 +3,7 @@
 """Services and dynamic parameters act between two frames; no frame is lost by them."""
 
 import os
+from unittest.mock import Mock
 
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -57,22 +58,18 @@ def test_without_a_map_the_node_waits_for_one(client, vpr, show, map_path, tmp_p
     client.wait_for(lambda: node._counters.reasons == {'no_map': 1, 'accepted': 1})
 
 
-@pytest.mark.parametrize(
-    ('url', 'result'),
-    [
-        ('missing.db', LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
-        ('', LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
-        ('foreign.db', LoadMap.Response.RESULT_INVALID_MAP_DATA),
-        ('long' * 1000, LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
-    ],
-)
 def test_a_map_that_cannot_be_loaded_leaves_the_old_one(
-    client, vpr, show, map_path, tmp_path, monkeypatch, url, result
+    client, vpr, show, map_path, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'foreign.db').write_text('something else')
     vpr(map_path=map_path, fixed_length=1)
-    assert client.call(LoadMap, '/vpr_node/load_map', map_url=url).result == result
+    absent = LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST
+    invalid = LoadMap.Response.RESULT_INVALID_MAP_DATA
+    for url, result in (
+        ('missing.db', absent), ('', absent), ('foreign.db', invalid), ('long' * 1000, absent),
+    ):  # fmt: skip
+        assert client.call(LoadMap, '/vpr_node/load_map', map_url=url).result == result, url
     assert show(3) == 3
 
 
@@ -87,30 +84,28 @@ def test_save_map_path_decides_where_a_map_is_saved(client, vpr, street_map, map
     assert list(open_map(path, street_map.encoding).places) == list(street_map.places)
 
 
-@pytest.mark.parametrize(
-    ('name', 'told'),
-    [
-        ('notes.txt', 'is no map, and is not replaced'),
-        ('locked/copy.db', 'is read-only'),
-        ('other.db', 'is another map, and is not replaced'),
-        ('result.csv', 'is read or written by the same'),
-    ],
-)
+UNSAVED = {
+    'notes.txt': 'is no map, and is not replaced',
+    'locked/copy.db': 'is read-only',
+    'other.db': 'is another map, and is not replaced',
+    'result.csv': 'is read or written by the same',
+}
+
+
 def test_a_map_that_cannot_be_saved_is_reported_in_one_line(
-    client, vpr, show, map_path, tmp_path, monkeypatch, name, told
+    client, vpr, show, map_path, tmp_path, monkeypatch
 ):
     (tmp_path / 'notes.txt').write_text('precious')
     (tmp_path / 'locked').mkdir()
     # As it answers to whoever is not root.
     monkeypatch.setattr(os, 'access', lambda path, _: path.name != 'locked')
     save_map(ReferenceMap(), tmp_path / 'other.db')
-    files = {'map_path': map_path, 'result_file': tmp_path / 'result.csv'}
-    vpr(**files, fixed_length=1)
-    assert set_parameter(client, 'save_map_path', str(tmp_path / name)).successful
-    answer = client.call(Trigger, '/vpr_node/save_map')
-    assert not answer.success
-    assert name in answer.message and told in answer.message
-    assert '\n' not in answer.message
+    vpr(map_path=map_path, result_file=tmp_path / 'result.csv', fixed_length=1)
+    for name, told in UNSAVED.items():
+        assert set_parameter(client, 'save_map_path', str(tmp_path / name)).successful
+        answer = client.call(Trigger, '/vpr_node/save_map')
+        assert not answer.success and '\n' not in answer.message
+        assert name in answer.message and told in answer.message
     assert not len(open_map(tmp_path / 'other.db'))
     assert (tmp_path / 'notes.txt').read_text() == 'precious'
     assert show(3) == 3
@@ -120,10 +115,7 @@ def test_an_unexpected_error_fails_the_service_but_not_the_node(
     client, vpr, show, map_path, tmp_path, monkeypatch, capfd
 ):
     vpr(map_path=map_path, save_map_path=tmp_path / 'copy.db', fixed_length=1)
-
-    def fail(*_, **__):
-        raise ValueError('a surprise')
-
+    fail = Mock(side_effect=ValueError('a surprise'))
     monkeypatch.setattr(map_services, 'save_map', fail)
     monkeypatch.setattr(vpr_node, 'Pipeline', fail)
     assert client.call(Trigger, '/vpr_node/save_map').message == 'a surprise'
@@ -133,25 +125,17 @@ def test_an_unexpected_error_fails_the_service_but_not_the_node(
     assert capfd.readouterr().err.count('ValueError: a surprise') == 2
 
 
-def test_reset_starts_the_sequence_anew(client, vpr, show, map_path):
-    vpr(map_path=map_path)
+def test_reset_and_a_pause_start_the_sequence_anew(client, vpr, show, map_path, street, image):
+    node = vpr(map_path=map_path)
     assert [show(place) for place in (1, 2, 3)] == [-1, 2, 3]
     assert client.call(Trigger, '/vpr_node/reset').success
     assert [show(place) for place in (4, 5)] == [-1, 5]
-
-
-def test_a_disabled_node_ignores_frames_and_starts_anew_when_enabled(
-    client, vpr, show, map_path, street, image
-):
-    node = vpr(map_path=map_path)
-    assert [show(place) for place in (1, 2)] == [-1, 2]
     assert client.call(SetBool, '/vpr_node/set_enabled', data=False).message == 'disabled'
-    camera = client.camera(Image)
-    camera.publish(image(street[3], 50 * SECOND))
-    client.wait_for(lambda: node._counters.received == 3)
+    client.camera(Image).publish(image(street[3], 50 * SECOND))
+    client.wait_for(lambda: node._counters.received == 6)
     assert client.call(SetBool, '/vpr_node/set_enabled', data=True).message == 'enabled'
-    assert [show(place) for place in (4, 5)] == [-1, 5]
-    client.wait_for(lambda: node._counters.processed == 4)
+    assert [show(place) for place in (6, 7)] == [-1, 7]
+    client.wait_for(lambda: node._counters.processed == 7)
 
 
 def test_a_dynamic_parameter_takes_effect_with_the_next_frame(client, vpr, show, map_path):

@@ -24,6 +24,7 @@ def gate():
 @pytest.fixture
 def busy(gate):
     """Return a maker of a worker that holds a first item until the gate opens, and what it had."""
+    workers = []
 
     def make(*limits, size=0, **more):
         handled = []
@@ -32,13 +33,15 @@ def busy(gate):
             handled.append(item)
             gate.wait()
 
-        worker = Worker(handle, *limits, **more)
+        workers.append(worker := Worker(handle, *limits, **more))
         worker.start()
         worker.put(0, size)
         wait_for(lambda: handled == [0])
         return worker, handled
 
-    return make
+    yield make
+    gate.set()
+    assert all(worker.stop(LIMIT_S) for worker in workers)
 
 
 def test_the_queue_is_bounded_in_bytes_and_keeps_the_newest_item(busy, gate):
@@ -68,17 +71,6 @@ def test_the_oldest_items_are_dropped_and_counted(busy, gate):
     gate.set()
     wait_for(lambda: len(handled) == 4)
     assert handled == [0, 5, 6, 7]
-    assert worker.stop(LIMIT_S)
-
-
-def test_the_worker_ends_with_its_last_action_though_nobody_waits(busy, gate):
-    ended = threading.Event()
-    worker, handled = busy(3, at_end=ended.set)
-    worker.put(1)
-    assert not worker.stop(0.0) and not ended.is_set()
-    gate.set()
-    assert ended.wait(LIMIT_S)
-    assert handled == [0]
 
 
 @pytest.fixture
@@ -128,7 +120,6 @@ def test_the_newest_item_is_handled_however_long_it_waited(busy, gate, clock):
     gate.set()
     wait_for(lambda: len(handled) == 2)
     assert handled == [0, 2] and worker.dropped == 1
-    assert worker.stop(LIMIT_S)
 
 
 def test_an_action_comes_after_the_item_at_hand_and_before_the_next(busy, gate):
@@ -138,26 +129,25 @@ def test_an_action_comes_after_the_item_at_hand_and_before_the_next(busy, gate):
     gate.set()
     wait_for(lambda: len(handled) == 3)
     assert handled == [0, 'action', 'second']
-    assert worker.stop(LIMIT_S)
 
 
-def test_stopping_finishes_the_item_at_hand_and_leaves_the_rest(busy, gate):
-    worker, handled = busy(9)
+def test_stopping_finishes_the_item_at_hand_leaves_the_rest_and_ends_with_the_last_action(
+    busy, gate
+):
+    ended = threading.Event()
+    worker, handled = busy(9, at_end=ended.set)
     for item in range(4):
         worker.put(item)
-    assert worker.waiting == 4 and not worker.stop(0.01)
+    assert worker.waiting == 4
+    assert not worker.stop(0.01) and not ended.is_set()
     gate.set()
-    assert worker.stop(LIMIT_S)
-    assert handled == [0]
+    assert ended.wait(LIMIT_S)  # though nobody waits for the worker
+    assert worker.stop(LIMIT_S) and handled == [0]
 
 
 def test_a_worker_that_waits_keeps_no_item_alive():
-    class Item:
-        pass
-
-    item = Item()
-    gone = weakref.ref(item)
-    handled = []
+    item = threading.Event()  # something that can be referred to weakly
+    gone, handled = weakref.ref(item), []
     worker = Worker(lambda _: handled.append(1), 3)
     worker.put(item)
     del item
