@@ -59,25 +59,14 @@ def described(images):
     return [[describe(image, LINEAR) for image in drive] for drive in images]
 
 
-def test_cells_agree(described, golden):
+def test_cells_entropies_and_salient_regions_agree(images, described, golden):
     cells = described[0][0].cells
     assert np.abs(cells - golden['cells']).max() < 1e-4 * golden['cells'].max()
-
-
-def test_entropy_map_agrees(images, golden):
-    import cv2
-
     resized = cv2.resize(images[0][0], (512, 512), interpolation=cv2.INTER_LINEAR)
     small = local_entropy(resized, cv2.INTER_LINEAR)
     bits = cv2.resize(small, (512, 512), interpolation=cv2.INTER_LINEAR)
     assert np.abs(bits[::16, ::16] - golden['bits']).max() < 1e-9
-
-
-def test_image_entropies_agree(described, golden):
     assert np.abs([one.entropy for one in described[0]] - golden['entropies']).max() < 1e-9
-
-
-def test_salient_regions_agree(described, golden):
     assert (np.array([one.salient for one in described[0]]) == golden['salient']).all()
 
 

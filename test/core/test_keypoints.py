@@ -47,8 +47,8 @@ def drawn(number, size=(320, 240)):
     return cv2.resize(noise, size, interpolation=cv2.INTER_CUBIC)
 
 
-def keypoints(gray, visible=ALL, most=300):
-    return Keypoints.of_stored(detect(gray, visible, most))
+def keypoints(gray, most=300):
+    return Keypoints.of_stored(detect(gray, ALL, most))
 
 
 def by_hand(*bits, shares=None):
@@ -84,10 +84,9 @@ def test_images_of_any_size_have_keypoints_everywhere(size):
 
 
 def test_the_strongest_keypoints_are_kept_up_to_the_limit():
-    many, few = detect(drawn(3), ALL, 300), detect(drawn(3), ALL, 50)
-    assert (len(many), len(few)) == (300, 50)
-    assert {*map(bytes, few)} <= {*map(bytes, detect(drawn(3), ALL, 1000))}
-    assert not len(detect(drawn(3), ALL, 0))
+    none, few, many, all_ = (detect(drawn(3), ALL, most) for most in (0, 50, 300, 1000))
+    assert (len(none), len(few), len(many)) == (0, 50, 300)
+    assert {*map(bytes, few)} <= {*map(bytes, all_)}
     assert np.array_equal(detect(drawn(3), ALL, 300), many)  # the same again
 
 
@@ -162,21 +161,17 @@ def test_keypoints_must_move_as_the_cells_did(down, across):
     one = keypoints(wide[60:300, 80:400])
     moved = keypoints(wide[rows : rows + 240, columns : columns + 320])
     motion = np.array([[down, 0, 0], [across, 0, 0]], float)
-    agreed = blocks(one, moved, motion)
-    assert agreed > 60
-    assert blocks(one, moved) < agreed / 8
-    assert blocks(one, moved, -motion) < agreed / 8
+    agreed, stayed, back = (blocks(one, moved, by) for by in (motion, STAYS, -motion))
+    assert agreed > 60 and max(stayed, back) < agreed / 8
 
 
 def test_keypoints_agree_with_a_motion_that_expands_from_the_middle():
     """By hand: at a quarter of the image beside its middle, a motion of 8 cells a side."""
     spread = [range(start, start + 20) for start in range(0, 240, 60)]
     here = np.array([[0.25, 0.5], [0.75, 0.5], [0.5, 0.25], [0.5, 0.75]])
-    grows = np.array(
-        [[0.0, 8.0, 0.0], [0.0, 0.0, 8.0]]
-    )  # down with the row, across with the column
-    by = 8 / SIDE  # of the distance from the middle, as 30 regions and two more cells are a side
-    there = 0.5 + (here - 0.5) * (1 + by)
+    grows = np.array([[0.0, 8, 0], [0, 0, 8]])  # down with the row, across with the column
+    # 8 cells of the distance from the middle, as 30 regions and two more cells are a side.
+    there = 0.5 + (here - 0.5) * (1 + 8 / SIDE)
     one, other = by_hand(*spread, shares=here), by_hand(*spread, shares=there)
     assert blocks(one, other, grows) == 4
     assert blocks(one, other, grows[::-1]) == 0  # each would move the other way
@@ -319,42 +314,30 @@ def test_where_light_changes_as_from_day_to_night_frames_before_do_not_count(wal
 
 
 def test_without_thumbnails_or_images_the_light_is_unknown(walled):
-    bare = build_map(
-        frames(3), None, replace(OWN, keyframes=replace(EVERY_FRAME, thumbnail_width_px=0))
-    )
-    assert difference(Light(bare, True), frames(1)[0], 3) == math.inf
+    keyframes = replace(EVERY_FRAME, thumbnail_width_px=0)
+    bare = build_map(frames(3), None, replace(OWN, keyframes=keyframes))
+    shown = frames(1)[0]
+    assert difference(Light(bare, True), shown, 3) == math.inf
     assert difference(Light(walled, True), Frame(0, None)) == math.inf
-    assert difference(Light(walled, False), frames(1)[0]) == math.inf
-    assert difference(Light(walled, False), frames(1)[0], earlier=0) == 0  # of the running drive
+    assert difference(Light(walled, False), shown) == math.inf
+    assert difference(Light(walled, False), shown, earlier=0) == 0  # of the running drive
 
 
-def grown_by(grown, descriptor, shown, seen=None):
-    for frame in shown:
-        if seen:
-            seen.observe(frame, descriptor)
-        grown.add_frame(frame, descriptor, 64)
-
-
-def test_each_session_has_a_light_of_its_own():
-    grown, descriptor = ReferenceMap(SMALL), describe(walls(1)[0], SMALL)
-    grown_by(grown, descriptor, frames(3))
-    grown.begin_session('night')
-    grown_by(grown, descriptor, frames(3, 0.2))
-    seen = Light(grown, True)
-    seen.observe(frames(1)[0], SHOWN)
-    by_day, by_night = seen.differences(np.array([1, 4]), 6)
-    assert by_day < 0.06 and by_night == pytest.approx(math.log(5), abs=0.2)
-
-
-def test_the_running_drive_was_seen_in_the_same_light():
+def test_each_session_has_a_light_of_its_own_and_the_running_drive_is_in_the_same():
     """Shade along a walk by day differs from sun as much as night from day."""
     grown = ReferenceMap(SMALL)
     seen = Light(grown, True)
-    grown_by(grown, describe(walls(1)[0], SMALL), frames(30), seen)
-    grown_by(grown, describe(walls(1)[0], SMALL), frames(30, 0.2), seen)
+    for session, light in enumerate((1.0, 0.2)):
+        if session:
+            grown.begin_session('night')
+        for frame in frames(30, light):
+            seen.observe(frame, SHOWN)
+            grown.add_frame(frame, SHOWN, 64)
     assert seen.differences(np.arange(60), 0).tolist() == [0] * 60
-    found = seen.differences(np.arange(60), 60)
-    assert (found == found[0]).all() and found[0] > 0.6  # as of an earlier drive
+    seen.reset()
+    seen.observe(frames(1)[0], SHOWN)
+    by_day, by_night = seen.differences(np.array([1, 31]), 60)  # as of earlier drives
+    assert by_day < 0.06 and by_night == pytest.approx(math.log(5), abs=0.2)
 
 
 def answers(values):
@@ -364,9 +347,14 @@ def answers(values):
     return known, [recognizer.process(one) for one in frames(30)[10:]]
 
 
-def test_without_keypoints_cells_decide_alone_and_nothing_else_changes():
-    known, matches = answers({})
+def test_without_keypoints_cells_decide_alone_and_no_lead_is_learned(monkeypatch):
+    learned = []  # of each match that keypoints verified: whether its place is of this drive
+    learn = lambda *asked: learned.append(bool(asked[2] >= asked[3]))  # noqa: E731
+    monkeypatch.setattr(ExpectedLead, 'learn', learn)
     without, others = answers({'keypoints': 0})
+    assert not learned
+    known, matches = answers({})
+    assert {*learned} == {False} and len(learned) < sum(bool(one.accepted) for one in matches)
     assert known.keypoints(0) is not None and not without.unreadable
     assert [without.keypoints(index) for index in range(40)] == [None] * 40
     for index in (0, 39):
@@ -374,17 +362,6 @@ def test_without_keypoints_cells_decide_alone_and_nothing_else_changes():
         assert np.array_equal(one.packed, other.packed) and one.thumbnail == other.thumbnail
     for one, other in zip(matches[3:], others[3:], strict=True):
         assert one.accepted.reference_index == other.accepted.reference_index
-
-
-def test_expected_leads_are_learned_only_from_matches_that_keypoints_verified(monkeypatch):
-    learned = []  # of each match: whether its place is of the running drive
-    monkeypatch.setattr(
-        ExpectedLead, 'learn', lambda *asked: learned.append(bool(asked[2] >= asked[3]))
-    )
-    answers({'keypoints': 0})
-    assert not learned
-    _, matches = answers({})
-    assert {*learned} == {False} and len(learned) < sum(bool(one.accepted) for one in matches)
 
 
 @pytest.mark.parametrize(('until', 'found'), [(0, False), (12, True)])
@@ -406,11 +383,12 @@ def test_keypoints_that_never_agree_deny_matches_and_those_that_stop_do_not(
 
 
 def test_a_damaged_thumbnail_is_left_out_of_the_light(walled, monkeypatch):
-    def damaged(index):
-        if index == 5:
-            raise MapError('reference 5 fails its checksum')
-        return thumbnail(index)
+    thumbnails = {index: walled.thumbnail(index) for index in range(12) if index != 5}
 
-    thumbnail = walled.thumbnail
-    monkeypatch.setattr(walled, 'thumbnail', damaged)
+    def thumbnail(index):
+        if index not in thumbnails:
+            raise MapError('reference 5 fails its checksum')
+        return thumbnails[index]
+
+    monkeypatch.setattr(walled, 'thumbnail', thumbnail)
     assert difference(Light(walled, True), frames(1)[0]) < 0.06
