@@ -33,16 +33,15 @@ KERNELS = ['compiled', 'plain']
 SIZES = [64, 112, 512, 528]
 
 
-@pytest.fixture(params=KERNELS)
-def kernels(request, monkeypatch):
-    choose(request.param, monkeypatch)
-    return request.param
-
-
 def choose(kernels, monkeypatch):
     if kernels == 'compiled' and not compiled.available():
         pytest.skip(f'no compiled kernels: {compiled.library().problem}')
     monkeypatch.setattr(compiled, 'available', lambda: kernels == 'compiled')
+
+
+@pytest.fixture(params=KERNELS)
+def kernels(request, monkeypatch):
+    choose(request.param, monkeypatch)
 
 
 def histograms_by_definition(gray):
@@ -98,28 +97,20 @@ pictures = st.builds(
 @pytest.mark.parametrize('kernels', KERNELS)
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(gray=pictures)
-def test_histograms_are_those_of_the_definition(kernels, gray):
+def test_histograms_and_entropies_are_those_of_their_definitions(kernels, gray):
     with pytest.MonkeyPatch.context() as patch:
         choose(kernels, patch)
         cells = cell_histograms(gray)
+        small = local_entropy(gray, cv2.INTER_LINEAR)
+        by_cell = cell_entropies(gray, len(gray) // 16, cv2.INTER_LINEAR)
     expected = histograms_by_definition(gray)
     assert cells.dtype == np.float32 and cells.shape == expected.shape
     assert np.abs(cells - expected).max() <= 1e-6 * max(expected.max(), 1)
-
-
-@pytest.mark.parametrize('kernels', KERNELS)
-@settings(max_examples=25, deadline=None, derandomize=True)
-@given(gray=pictures)
-def test_entropy_is_that_of_scikit_image_up_to_the_edges(kernels, gray):
-    with pytest.MonkeyPatch.context() as patch:
-        choose(kernels, patch)
-        small = local_entropy(gray, cv2.INTER_LINEAR)
-        by_cell = cell_entropies(gray, len(gray) // 16, cv2.INTER_LINEAR)
+    # Of scikit-image, up to the edges.
     bits = cv2.resize(small, gray.shape[::-1], interpolation=cv2.INTER_LINEAR)
     expected = entropy_by_definition(gray)
     assert np.abs(bits - expected).max() < 1e-9
-    cells = len(gray) // 16
-    means = expected.reshape(cells, 16, cells, 16).mean(axis=(1, 3))
+    means = expected.reshape(len(by_cell), 16, len(by_cell), 16).mean(axis=(1, 3))
     assert np.abs(by_cell - means).max() < 1e-9
     assert by_cell.min() >= 0
 
@@ -134,23 +125,17 @@ def test_the_same_regions_are_salient_as_by_definition(kernels, kind):
     assert (found.salient == salient_regions(means, threshold)).all()
 
 
-def residue(grey, brightest):
-    """Return what float64 leaves of the horizontal gradient among equal pixels."""
-    value = np.sqrt(grey / brightest) * 255.0
-    return 16 * (-value - 2 * value + 2 * value + value)
-
-
 def test_a_flat_patch_keeps_the_rounding_of_float64_as_the_released_script_does(kernels):
-    greys = np.arange(1, 256, dtype=np.uint8).reshape(15, 17)
     signs = set()
-    for patch in greys.ravel():
-        gray = np.full((32, 96), patch, np.uint8)
+    for patch in range(1, 256):
+        gray = np.full((96, 96), patch, np.uint8)
         gray[:, 64:] = 255
-        left = cell_histograms(np.vstack([gray, gray, gray]))[2, 1]
+        # What float64 leaves of the horizontal gradient among equal pixels.
+        value = np.sqrt(float(patch) / 255.0) * 255.0
+        left_over = 16 * (-value - 2 * value + 2 * value + value)
         expected = np.zeros(8)
-        left_over = residue(float(patch), 255.0)
         expected[0 if left_over >= 0 else 4] = 128 * abs(left_over)
-        assert left.tolist() == expected.astype(np.float32).tolist()
+        assert cell_histograms(gray)[2, 1].tolist() == expected.astype(np.float32).tolist()
         signs.add(np.sign(left_over))
     assert signs == {-1, 0, 1}
 
@@ -166,12 +151,12 @@ def test_images_of_any_size_are_encoded_at_every_size(kernels, shape, side):
     assert 0 <= found.entropy <= np.log2(81) / 8
 
 
-@pytest.mark.parametrize('value', [0, 1, 128, 255])
 @pytest.mark.parametrize('shape', [(1, 1), (1, 700), (480, 640)])
-def test_a_flat_image_of_any_size_is_uninformative_and_has_no_nan(value, shape):
-    found = describe(np.full(shape, value, np.uint8))
-    assert not found.informative
-    assert np.isfinite(found.cells).all() and found.entropy == 0
+def test_a_flat_image_of_any_size_is_uninformative_and_has_no_nan(shape):
+    for value in (0, 1, 128, 255):
+        found = describe(np.full(shape, value, np.uint8))
+        assert not found.informative
+        assert np.isfinite(found.cells).all() and found.entropy == 0
 
 
 @pytest.mark.parametrize(
@@ -247,19 +232,16 @@ def test_the_core_opens_no_mask(image, mask, tmp_path):
     assert not (tmp_path / 'new.db').exists()
 
 
-def frames(image, **changes):
-    """Return 30 frames of places that no other frame shows, the robot in their lower halves."""
-    return [Frame(index * 10**8, bonnet(image(index, 1), index)) for index in range(1, 31)]
-
-
 def test_a_map_keeps_its_mask_and_compares_it(image, mask, tmp_path):
-    build_map(frames(image), tmp_path / 'map.db', with_mask(mask))
+    # Places that no other frame shows, the robot in their lower halves.
+    frames = [Frame(one * 10**8, bonnet(image(one, 1), one)) for one in range(1, 31)]
+    build_map(frames, tmp_path / 'map.db', with_mask(mask))
     (tmp_path / 'mask.png').unlink()
     kept = open_map(tmp_path / 'map.db')
     assert not kept.cells(4)[15:].any()
     # Whoever says nothing of a mask takes the map's own; so the same frames are the same places.
     recognizer = PlaceRecognizer(kept)
-    found = [recognizer.process(frame).best for frame in frames(image)]
+    found = [recognizer.process(frame).best for frame in frames]
     assert [one.reference_index for one in found[5:]] == list(range(5, 30))
     picture = np.full((64, 64), 255, np.uint8)
     picture[:, :20] = 0

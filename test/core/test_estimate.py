@@ -73,9 +73,7 @@ def test_a_heading_error_of_the_map_grows_a_distant_poses_position_error():
     assert sigmas(estimate)[:3] == pytest.approx([math.hypot(0.5, 0.01), across, across])
     assert estimate.covariance[1, 5] == pytest.approx(10 * 0.1**2)
     assert estimate.pose == pose(22)
-
-
-def test_without_a_known_turn_the_heading_is_less_certain():
+    # Without a known turn, the heading is less certain.
     unknown = in_inexact_map(EAST, 2)
     assert sigmas(unknown)[5] == pytest.approx(math.hypot(0.1, 0.3))
     assert unknown.pose == EAST[2].pose

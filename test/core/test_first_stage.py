@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from convseq_ros.app.map_builder import build_map, link_map
 from convseq_ros.app.pipeline import Pipeline
-from convseq_ros.config import Config, EVERY_FRAME
+from convseq_ros.config import Config, EVERY_FRAME, with_values
 from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.session_slice import joined, slices_of
@@ -20,7 +20,8 @@ import pytest
 
 pytestmark = pytest.mark.once
 
-CONFIG = Config(keyframes=EVERY_FRAME)
+CONFIG = with_values(Config(keyframes=EVERY_FRAME), {'image_size_px': 256})
+ONLINE = with_values(CONFIG, {'mode': 'online'})
 COUNT = 40
 
 
@@ -43,22 +44,19 @@ def frames(image):
     ]
 
 
-def answers(recognizer, frames):
-    return [recognizer.process(frame) for frame in frames]
-
-
-def accepted(matches):
+def found(built, drive, **more):
+    """Return the places that are accepted along a drive."""
+    recognizer = PlaceRecognizer(built, CONFIG, **more)
+    matches = [recognizer.process(frame) for frame in drive]
+    assert all(one.accepted.inliers for one in matches if one.accepted)
     return [one.accepted.reference_index for one in matches if one.accepted]
 
 
 def test_a_callable_descriptor_finds_places_and_geometry_verifies_them(frames):
     built = build_map(frames(), None, CONFIG, describe=small)
     assert built.global_descriptors.shape == (COUNT, 48)
-    matches = answers(PlaceRecognizer(built, CONFIG, describe=small), frames(1))
-    found = accepted(matches)
-    assert len(found) > 0.8 * COUNT
-    assert all(one.accepted is None or one.accepted.inliers for one in matches)
-    assert found == sorted(found)
+    places = found(built, frames(1), describe=small)
+    assert len(places) > 0.8 * COUNT and places == sorted(places)
 
 
 def test_vectors_outlive_a_file_and_all_that_is_done_to_it(frames, tmp_path):
@@ -66,56 +64,46 @@ def test_vectors_outlive_a_file_and_all_that_is_done_to_it(frames, tmp_path):
     for path, seed in ((first, 0), (second, 1)):
         build_map(frames(seed), path, CONFIG, describe=small)
     whole = open_map(first)
-    assert whole.global_descriptors == pytest.approx(
-        np.array([unit(small(one.gray).ravel()) for one in frames()]), abs=1e-3
-    )
+    rows = np.array([small(one.gray).ravel() for one in frames()])
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    assert whole.global_descriptors == pytest.approx(rows, abs=1e-3)
     save_map(joined([*slices_of(first), *slices_of(second)]), tmp_path / 'both.db', is_new=True)
     both = open_map(tmp_path / 'both.db')
     assert (both.global_descriptors[:COUNT] == whole.global_descriptors).all()
     assert [*link_map(both)] == [*range(COUNT, 2 * COUNT)]  # by their vectors, without the model
     assert len(both.links) > 0.8 * COUNT
     save_map(both, tmp_path / 'copy.db')
-    again = open_map(tmp_path / 'copy.db')
-    assert (again.global_descriptors == both.global_descriptors).all()
+    assert (open_map(tmp_path / 'copy.db').global_descriptors == both.global_descriptors).all()
     # Who has no model reads what is built in.
     plain = open_map(first, CONFIG.encoding)
     assert plain.global_descriptors.shape == (COUNT, 252)
     expected = build_map(frames(), None, CONFIG).global_descriptors
     assert (plain.global_descriptors == expected).all()
-    assert len(accepted(answers(PlaceRecognizer(plain, CONFIG), frames(1)))) > 0.8 * COUNT
-
-
-def unit(row):
-    return row / np.linalg.norm(row)
+    assert len(found(plain, frames(1))) > 0.8 * COUNT
 
 
 def test_a_map_of_another_model_is_refused_in_one_line(frames, tmp_path):
-    path = tmp_path / 'map.db'
+    path, plain = tmp_path / 'map.db', tmp_path / 'plain.db'
     build_map(frames(count=20), path, CONFIG, describe=small)
-    for describe, growing in ((other, False), (other, True), (None, True)):
-        online = replace(CONFIG, online=replace(CONFIG.online, mode='online'))
-        with pytest.raises(MapError, match='descriptor_model') as caught:
-            Pipeline(path, online if growing else CONFIG, describe=describe)
+    build_map(frames(count=20), plain, CONFIG)
+    built_in = 'made with the built-in descriptor, asked for descriptor_model'
+    for file, config, describe, told in (
+        (path, CONFIG, other, 'descriptor_model'), (path, ONLINE, other, 'descriptor_model'),
+        (path, ONLINE, None, 'descriptor_model'), (plain, CONFIG, small, built_in),
+    ):  # fmt: skip
+        with pytest.raises(MapError, match=told) as caught:
+            Pipeline(file, config, describe=describe)
         assert '\n' not in str(caught.value)
-    build_map(frames(count=20), tmp_path / 'plain.db', CONFIG)
-    with pytest.raises(MapError, match='made with the built-in descriptor, asked for'):
-        Pipeline(tmp_path / 'plain.db', CONFIG, describe=small)
     with pytest.raises(ConfigError, match='build the map again'):
         PlaceRecognizer(open_map(path), CONFIG, describe=other)
+    named = replace(CONFIG, encoding=replace(CONFIG.encoding, descriptor_model='net.onnx'))
     with pytest.raises(ConfigError, match='is a file'):
-        PlaceRecognizer(
-            build_map(
-                [],
-                None,
-                replace(CONFIG, encoding=replace(CONFIG.encoding, descriptor_model='net.onnx')),
-            )
-        )
+        build_map([], None, named)
 
 
 def test_places_are_added_with_vectors_to_a_map_that_grows(frames, tmp_path):
     path = tmp_path / 'map.db'
-    online = replace(CONFIG, online=replace(CONFIG.online, mode='online'))
-    pipeline = Pipeline(path, online, describe=small)
+    pipeline = Pipeline(path, ONLINE, describe=small)
     for seed in (0, 1):
         for frame in frames(seed):
             last = replace(frame, stamp_ns=frame.stamp_ns + seed * 10**11)

@@ -3,9 +3,10 @@
 """The frame gate: order, standstill, keyframes and dropped frames."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, KeyframeConfig, MotionConfig
-from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.encoding.glance import glance
 from convseq_ros.core.gate.dropped_frames import FrameDropDetector
 from convseq_ros.core.gate.gate import FrameGate
@@ -49,16 +50,11 @@ def verdicts(described):
 
 
 def test_frames_between_keyframes_are_not_described(verdicts, described):
-    asked = []
-
-    def encode():
-        asked.append(True)
-        return described(0)
-
+    encode = Mock(return_value=described(0))
     found = verdicts(range(9), KeyframeConfig(keyframe_interval_s=0.3, keyframe_overlap=1), encode)
     between = Reason.BETWEEN_KEYFRAMES
     assert [one.reason for one in found] == [None, between, between] * 3
-    assert len(asked) == 3
+    assert encode.call_count == 3
     assert [one.descriptor.informative for one in found] == [True, False, False] * 3
 
 
@@ -69,22 +65,18 @@ def test_dropped_keyframes_are_counted_also_soon_after_a_stop(verdicts):
 
 
 def test_an_unreadable_frame_is_a_keyframe_only_where_time_and_pose_decide(described):
-    by_scene, by_time = (
-        KeyframeConfig(),
-        KeyframeConfig(keyframe_interval_s=0.3, keyframe_overlap=1),
-    )
-    for keyframes, first in ((by_scene, None), (by_time, 0)):
+    by_time = KeyframeConfig(keyframe_interval_s=0.3, keyframe_overlap=1)
+    for keyframes, first in ((KeyframeConfig(), None), (by_time, 0)):
         gate = FrameGate(Config(), keyframes)
-        assert gate.check_unreadable(0, at(0)) == first
-        assert gate.check_unreadable(STEP_NS, at(1)) is None  # early
-        assert gate.check_unreadable(3 * STEP_NS, at(3)) == first
+        found = [gate.check_unreadable(step * STEP_NS, at(step)) for step in (0, 1, 3)]
+        assert found == [first, None, first]  # the second is early
     # One that stands still is none, and the next keyframe knows of no dropped ones.
     gate = FrameGate(Config(), EVERY_FRAME)
     for index in range(12):
         assert gate.check(index * STEP_NS, at(index), lambda: described(0)).reason is None
-    assert gate.check_unreadable(14 * STEP_NS, at(11)) is None
-    assert gate.check_unreadable(15 * STEP_NS, at(15)) == 0
-    assert gate.check_unreadable(18 * STEP_NS, at(18)) == 2  # two never came
+    steps = (14, 11), (15, 15), (18, 18)  # before the last, two never came
+    found = [gate.check_unreadable(step * STEP_NS, at(x)) for step, x in steps]
+    assert found == [None, 0, 2]
 
 
 BLANK = blank_descriptor(EncodingConfig())
@@ -96,24 +88,17 @@ def choosing(config=EVERY_FRAME, **settings):
     return FrameGate(moving, replace(config, **settings))
 
 
-def told(keyframes, stamp_ns, descriptor, pose=None):
-    return keyframes.check(stamp_ns, pose, lambda: descriptor).reason
-
-
 def taken(keyframes, stamp_ns, descriptor, pose=None):
     """Return whether a frame is a keyframe: due, and another scene than the last."""
-    return told(keyframes, stamp_ns, descriptor, pose) is None
+    reason = keyframes.check(stamp_ns, pose, lambda: descriptor).reason
+    assert reason in (None, Reason.BETWEEN_KEYFRAMES)
+    return reason is None
 
 
-def noise(seed):
-    return describe(np.random.default_rng(seed).integers(0, 256, (60, 80), np.uint8))
-
-
-def test_a_scene_that_did_not_change_is_left_out():
+def test_a_scene_that_did_not_change_is_left_out(described):
     keyframes = choosing(KeyframeConfig())
-    first, second = noise(0), noise(1)
-    found = [told(keyframes, index, each) for index, each in enumerate([first, first, second])]
-    assert found == [None, Reason.BETWEEN_KEYFRAMES, None]
+    seen = described(0), described(0), described(1)
+    assert [taken(keyframes, *each) for each in enumerate(seen)] == [True, False, True]
 
 
 @pytest.mark.parametrize(
@@ -222,17 +207,11 @@ def test_jitter_is_no_gap():
     assert sum(missing(stamps)) == 0
 
 
-def missing_keyframes(shown, keyframes):
-    """Return how many keyframes are missing before each keyframe that was shown."""
+def test_only_gaps_longer_than_the_keyframe_spacing_count_as_missing_keyframes():
+    shown = [index for index in range(120) if index not in (31, 32, *range(61, 80))]
     detector, found = FrameDropDetector(), {}
     for index in shown:
         detector.observe(index * FRAME_NS)
-        if index in keyframes:
-            found[index] = detector.observe_keyframe()
-    return found
-
-
-def test_only_gaps_longer_than_the_keyframe_spacing_count_as_missing_keyframes():
-    shown = [index for index in range(120) if index not in (31, 32, *range(61, 80))]
-    found = missing_keyframes(shown, range(0, 120, 5))
-    assert {index: count for index, count in found.items() if count} == {80: 3}
+        if index % 5 == 0 and (count := detector.observe_keyframe()):
+            found[index] = count
+    assert found == {80: 3}

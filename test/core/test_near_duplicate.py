@@ -65,15 +65,26 @@ def test_the_near_distance_is_three_quarters_of_the_largest_before_a_far_frame()
     assert not near.is_sure(edges(0.0))
 
 
-def test_noise_alone_makes_no_far_frame_and_what_it_explains_is_near():
-    assert sure(told(), 0.0, 0.27, 0.29) == [True, True, False]
-    assert sure(told(0.2, FAR), 0.27, 0.29) == [True, False]
+SURE = [  # what was told after the far frame at 0, and then what is sure to be near
+    # Three quarters of the largest distance before a far frame; less is noise alone.
+    ((), {0.0: True, 0.27: True, 0.29: False}),
+    ((0.2, FAR), {0.27: True, 0.29: False}),
+    # The smallest distance of three keyframes counts.
+    ((0.8, FAR, 0.4, FAR, 0.8, FAR, 0.8, FAR), {0.29: True, 0.31: False}),
+    ((0.4, FAR, 0.8, FAR, 0.8, FAR, 0.8, FAR), {0.59: True, 0.61: False}),
+    # A far frame right after predictions shrinks the distance.
+    ((0.8, FAR, FAR), {0.44: True, 0.46: False}),
+    ((FAR, FAR), {0.29: False}),
+    # A robot that waits is tested once only from the first frame on.
+    ((0.6,), {0.55: True, 0.61: False, 0.45: False}),
+    ((0.4, FAR, 0.6), {0.55: True, 0.61: False, 0.45: False}),
+    ((0.6, FAR), {0.6: False}),
+]
 
 
-def test_the_smallest_distance_of_three_keyframes_counts():
-    short, long = (0.4, FAR), (0.8, FAR)
-    assert sure(told(*long, *short, *long, *long), 0.29, 0.31) == [True, False]
-    assert sure(told(*short, *long, *long, *long), 0.59, 0.61) == [True, False]
+@pytest.mark.parametrize(('found', 'expected'), SURE)
+def test_the_near_distance_is_learned_from_what_was_near_and_far(found, expected):
+    assert sure(told(*found), *expected) == [*expected.values()]
 
 
 def test_predicted_near_frames_do_not_change_the_near_distance():
@@ -81,19 +92,11 @@ def test_predicted_near_frames_do_not_change_the_near_distance():
     assert sure(near, *np.arange(0.005, 0.8, 0.01)) == [True] * 30 + [False] * 50
 
 
-def test_a_far_frame_right_after_predictions_shrinks_the_distance():
+def test_another_far_frame_after_predictions_shrinks_the_distance_further():
     near = told(0.8, FAR, FAR)
-    assert sure(near, 0.44, 0.46) == [True, False]
+    assert sure(near, 0.44) == [True]
     near.note(edges(0.0), is_near=False)
     assert sure(near, 0.33, 0.34) == [True, False]
-    assert sure(told(FAR, FAR), 0.29) == [False]
-
-
-def test_a_robot_that_waits_is_tested_once_only_from_the_first_frame_on():
-    near = told(0.6)
-    assert sure(near, 0.55, 0.61, 0.45) == [True, False, False]
-    assert sure(told(0.4, FAR, 0.6), 0.55, 0.61, 0.45) == [True, False, False]
-    assert sure(told(0.6, FAR), 0.6) == [False]
 
 
 @cache
@@ -106,24 +109,25 @@ def drive(light, speed_mps):
     return [shot.frame.gray for shot in shots_of(small, shots)]
 
 
+@cache
+def described(pixels):
+    return describe(np.frombuffer(pixels, np.uint8).reshape(240, 320))
+
+
 def gated(frames, poses, by_glance=True):
-    """Return why each frame is no keyframe, and which are encoded."""
+    """Return why each frame is no keyframe, which are keyframes, and how many are encoded."""
     config, encoded = make_config({}), []
     gate, reasons = FrameGate(config, config.keyframes), []
+
+    def encode(gray):
+        encoded.append(gray)
+        return described(gray.tobytes())
+
     for index, (gray, pose) in enumerate(zip(frames, poses, strict=True)):
-        encode = partial(described, gray, encoded, index)
         shown = (gray,) if by_glance else ()
-        reasons.append(gate.check(index * 33_333_333, pose, encode, *shown).reason)
-    return reasons, encoded
-
-
-def described(gray, encoded, index):
-    encoded.append(index)
-    return describe(gray)
-
-
-def keyframes(reasons):
-    return [index for index, reason in enumerate(reasons) if reason is None]
+        verdict = gate.check(index * 33_333_333, pose, partial(encode, gray), *shown)
+        reasons.append(verdict.reason)
+    return reasons, [at for at, reason in enumerate(reasons) if reason is None], len(encoded)
 
 
 @pytest.mark.once
@@ -143,18 +147,17 @@ def test_glances_select_the_same_keyframes_as_descriptors_of_every_frame(
     frames = [*moving[:25], *still, *moving[25:]]
     steps = [*range(25), *[24] * len(still), *range(25, len(moving))]
     poses = [at(0.13 * step) if odometry else None for step in steps]
-    reasons, encoded = gated(frames, poses)
-    expected, every = gated(frames, poses, by_glance=False)
-    assert keyframes(reasons) == keyframes(expected)
-    assert reasons[25:55].count(Reason.STATIONARY) >= 28
-    assert len(encoded) < len(every) - (0 if odometry else 20)
+    reasons, keyframes, encoded = gated(frames, poses)
+    _, expected, every = gated(frames, poses, by_glance=False)
+    assert keyframes == expected and reasons[25:55].count(Reason.STATIONARY) >= 28
+    assert encoded < every - (0 if odometry else 20)
 
 
 @pytest.mark.once
 def test_another_light_moves_no_keyframe():
     frames = [*drive('night', 1.0), *drive('day', 4.0)]
-    reasons, expected = (gated(frames, [None] * len(frames), shown)[0] for shown in (True, False))
-    assert keyframes(reasons) == keyframes(expected)
+    found, expected = (gated(frames, [None] * len(frames), shown)[1] for shown in (True, False))
+    assert found == expected
 
 
 def with_noise(frames):
@@ -166,9 +169,8 @@ def with_noise(frames):
 @pytest.mark.parametrize('light', ['day', 'night'])
 def test_noise_makes_no_keyframes_of_a_robot_that_stands(light):
     noisy = with_noise(drive(light, 4.0)[24:25] * 20)
-    shown, expected = (gated(noisy, [None] * 20, by_glance)[0] for by_glance in (True, False))
-    assert keyframes(shown) == [0]
-    assert keyframes(expected) == [*range(20)]  # by descriptors, each frame is another scene
+    found, expected = (gated(noisy, [None] * 20, by_glance)[1] for by_glance in (True, False))
+    assert found == [0] and expected == [*range(20)]  # by descriptors, each is another scene
 
 
 @pytest.mark.once

@@ -46,90 +46,80 @@ def test_a_drawn_street_gives_the_pose_in_metres(street, made, index):
     assert metres < 0.45 and radians < 0.02
     assert 0.02 < pose.position_sigma_m < 0.5 and 0.001 < pose.heading_sigma_rad < 0.03
     assert pose.inliers > 100
-    assert pose.direction @ np.array(pose.position_m) == pytest.approx(
-        np.linalg.norm(pose.position_m)
-    )
+    along = pose.direction @ np.array(pose.position_m)
+    assert along == pytest.approx(np.linalg.norm(pose.position_m))
     assert (np.linalg.eigvalsh(pose.covariance) > 0).all()
+    # An image of the map is at its own place.
+    assert math.hypot(*made(street[0][index], index).position_m) < 0.05
 
 
-def test_a_map_without_poses_gives_none(street, made):
-    bare = [replace(one, pose=None) for one in street[0]]
-    assert made(street[1][9], 11, bare) is None
-
-
-@pytest.mark.parametrize('index', [9, 10, 13, 14])
-def test_the_pose_does_not_depend_on_which_near_place_is_recognised(street, made, index):
-    def spot(index):
-        pose = made(street[1][9], index)
-        there = matrix(Pose(pose.position_m, pose.orientation))
-        return (matrix(street[0][index].pose) @ there)[:3, 3]
-
-    assert spot(index) == pytest.approx(spot(11), abs=0.01)
-
-
-def test_a_camera_of_impossible_numbers_measures_nothing(street, made):
-    query = street[1][9]
+def test_a_map_without_poses_or_a_camera_of_impossible_numbers_gives_none(street, made):
+    bare, query = [replace(one, pose=None) for one in street[0]], street[1][9]
+    assert made(query, 11, bare) is None
     assert made(replace(query, camera=replace(query.camera, fx_px=math.nan)), 11) is None
 
 
-def test_an_image_of_the_map_is_located_at_its_own_place(street, made):
-    pose = made(street[0][11], 11)
-    assert math.hypot(*pose.position_m) < 0.05
+def test_the_pose_does_not_depend_on_which_near_place_is_recognised(street, made):
+    spots = []
+    for index in (9, 10, 11, 13, 14):
+        pose = made(street[1][9], index)
+        there = matrix(Pose(pose.position_m, pose.orientation))
+        spots.append((matrix(street[0][index].pose) @ there)[:3, 3])
+    assert np.ptp(spots, axis=0).max() < 0.02
+
+
+def lens_of(camera):
+    return np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]])
 
 
 @pytest.mark.parametrize('turn_rad', [0.3, -0.3])
 def test_the_search_for_regions_starts_at_the_shift_of_the_image(street, made, turn_rad):
     """A camera that turned to a side shows everything some nine cells further on the other."""
-    query, place = street[1][9], street[0][11]
-    camera = query.camera
-    lens = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]])
+    query, lens = street[1][9], lens_of(street[1][9].camera)
     turn = cv2.Rodrigues(np.array((0.0, turn_rad, 0.0)))[0]
     gray = cv2.warpPerspective(query.gray, lens @ turn @ np.linalg.inv(lens), (320, 240))
     ahead = matrix(query.pose) @ matrix(of_roll_pitch_yaw((0.0, 0.0, 0.0), 0.0, 0.0, turn_rad))
     turned_query = replace(query, gray=gray, pose=pose_of(ahead))
-    metres, radians = off(made(turned_query, 11), turned_query, place)
+    metres, radians = off(made(turned_query, 11), turned_query, street[0][11])
     assert metres < 0.45 and radians < 0.03
 
 
 def test_distortion_is_taken_out(street, made):
     """An image that is distorted, with its camera's coefficients, is at the same spot."""
     query = street[1][9]
-    numbers = np.array((-0.25, 0.06, 0.0, 0.0))
-    camera = query.camera
-    lens = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]])
+    numbers, lens = np.array((-0.25, 0.06, 0.0, 0.0)), lens_of(query.camera)
     pixels = np.indices((240, 320)).reshape(2, -1).T[:, None, ::-1].astype(np.float64)
     straight = cv2.undistortPoints(pixels, lens, numbers, P=lens).reshape(240, 320, 2)
     bent = cv2.remap(query.gray, straight.astype(np.float32), None, cv2.INTER_LINEAR)
-    told = replace(camera, distortion_model='plumb_bob', distortion=tuple(numbers.tolist()))
-    with_numbers = made(replace(query, gray=bent, camera=told), 11)
-    without = made(replace(query, gray=bent), 11)
-    right_m = off(with_numbers, query, street[0][11])[0]
+    told = replace(query.camera, distortion_model='plumb_bob', distortion=tuple(numbers.tolist()))
+    right, wrong = (
+        made(replace(query, gray=bent, camera=one), 11) for one in (told, query.camera)
+    )
+    right_m = off(right, query, street[0][11])[0]
     assert right_m < 0.45
-    if without is not None and without.position_m is not None:
-        assert right_m < off(without, query, street[0][11])[0]
+    if wrong is not None and wrong.position_m is not None:
+        assert right_m < off(wrong, query, street[0][11])[0]
 
 
 def test_poses_are_of_the_base(street):
     """A camera that looks to the left of the base, ahead of it: the same poses of the base."""
-    mount = of_roll_pitch_yaw((0.5, 0.1, 0.3), 0.0, 0.0, 0.4)
-    config = Config(keyframes=EVERY_FRAME, robot=RobotConfig(camera_to_base='0.5 0.1 0.3 0 0 0.4'))
-
-    def on_base(frame):
-        return replace(frame, pose=pose_of(matrix(frame.pose) @ inverse(matrix(mount))))
-
+    mount = matrix(of_roll_pitch_yaw((0.5, 0.1, 0.3), 0.0, 0.0, 0.4))
     found = []
-    for robot, frames in ((config, [on_base(one) for one in street[0]]), (Config(), street[0])):
-        settings = replace(robot, keyframes=EVERY_FRAME)
+    for text, base in (('0.5 0.1 0.3 0 0 0.4', inverse(mount)), ('0 0 0 0 0 0', np.eye(4))):
+        settings = Config(keyframes=EVERY_FRAME, robot=RobotConfig(camera_to_base=text))
+        *frames, query = (
+            replace(one, pose=pose_of(matrix(one.pose) @ base))
+            for one in (*street[0], street[1][9])
+        )
         reference_map = build_map(frames, None, settings)
-        place = reference_map.places[11]
-        query = street[1][9] if robot is not config else on_base(street[1][9])
         matcher = make_matcher(reference_map, settings)
         shown = upright(query, reference_map.encoding, settings.robot)
         features = matcher.extract(describe(query.gray))
         candidate = Candidate(11, 0, 1.0, matcher.shift(features, 11))
         pose = RelativePoses(reference_map, matcher).measure(features, shown, candidate)
-        found.append(matrix(place.pose) @ matrix(Pose(pose.position_m, pose.orientation)))
-    assert found[0] @ matrix(mount) == pytest.approx(found[1], abs=1e-5)
+        there = matrix(Pose(pose.position_m, pose.orientation))
+        found.append(matrix(reference_map.places[11].pose) @ there)
+    assert found[0] @ mount == pytest.approx(found[1], abs=1e-5)
 
 
 def test_accepted_matches_are_measured_alike_from_a_file_and_repeatably(street, tmp_path):
@@ -203,7 +193,7 @@ def measured_px(query, reference):
     return shift_px(shift, *query.shape, CELLS)
 
 
-@pytest.mark.parametrize('degrees', [-16, -8, 0, 8, 16])
+@pytest.mark.parametrize('degrees', [-16, 0, 8])
 def test_a_camera_turned_to_the_left_has_a_positive_yaw(scene, degrees):
     query, reference = image_at(scene, math.radians(degrees)), image_at(scene, 0.0)
     yaw = relative_yaw(measured_px(query, reference), CAMERA)
@@ -213,15 +203,12 @@ def test_a_camera_turned_to_the_left_has_a_positive_yaw(scene, degrees):
     assert there_and_back == pytest.approx(-yaw, abs=a_cell)
 
 
-def test_a_known_shift_is_a_known_angle():
+def test_a_known_shift_is_a_known_angle_also_of_smaller_images():
     # tan(22.5 deg) * 500 px on either side of the axis.
     half_px = 500 * math.tan(math.radians(22.5))
     assert shift_px((2.0, -3.0), HEIGHT, WIDTH, CELLS) == (30.0, -60.0)
     assert relative_yaw((17.0, -2 * half_px), CAMERA) == pytest.approx(math.radians(45))
     assert relative_yaw((0.0, 100.0), CAMERA) == -relative_yaw((0.0, -100.0), CAMERA)
-
-
-def test_a_camera_fitted_to_smaller_images_gives_the_same_yaw():
     small = fitted(CAMERA, HEIGHT // 2, WIDTH // 4)
     assert small == Camera(160, 240, 125.0, 250.0, 80.0, 120.0)
     assert fitted(CAMERA, HEIGHT, WIDTH) is CAMERA

@@ -24,7 +24,7 @@ from poses import at
 import pytest
 
 STEP_NS = 100_000_000
-PLACES = 90
+PLACES, MAPPED = 90, 60
 SMALL = EncodingConfig(image_size_px=256)
 BY_TIME = KeyframeConfig(keyframe_interval_s=0.3)
 BY_DISTANCE = KeyframeConfig(keyframe_distance_m=2.5)
@@ -45,6 +45,14 @@ def map_of(third_places, keyframes):
     made = ReferenceMap(SMALL, keyframes=keyframes)
     for index, packed in enumerate(third_places):
         made.add(Place(index), packed)
+    return made
+
+
+@pytest.fixture(scope='module')
+def reference_map(image):
+    made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
+    for place in range(MAPPED):
+        made.add(Place(place, pose=at(place)), pack_cells(describe(image(place), SMALL).cells))
     return made
 
 
@@ -118,29 +126,15 @@ def test_an_unreadable_frame_has_no_candidates_wherever_it_comes(third_places, d
     assert not any(match.candidates or match.confidence for match in lost)
 
 
-MAPPED = 60
-
-
-@pytest.fixture(scope='module')
-def reference_map(image):
-    made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
-    for place in range(MAPPED):
-        made.add(Place(place, pose=at(place)), pack_cells(describe(image(place), SMALL).cells))
-    return made
-
-
 def test_at_standstill_the_last_answer_is_repeated_and_is_no_match(reference_map, drive):
     recognizer = PlaceRecognizer(reference_map, OWN)
     matches = drive(recognizer, [*range(10, 30), *[29] * 30, *range(30, 45)])
-    standing = matches[20:50]
     assert matches[19].accepted.reference_index == 29
-    assert {(match.status, match.reason) for match in standing} == {
-        (Status.REJECTED, Reason.STATIONARY)
-    }
-    assert {match.best.reference_index for match in standing} == {29}
-    assert {match.pairs_scored for match in standing} == {0}
-    for place, match in enumerate(matches[50:], 30):
-        assert match.accepted.reference_index == place
+    assert {
+        (match.status, match.reason, match.best.reference_index, match.pairs_scored)
+        for match in matches[20:50]
+    } == {(Status.REJECTED, Reason.STATIONARY, 29, 0)}
+    assert [match.accepted.reference_index for match in matches[50:]] == [*range(30, 45)]
 
 
 def test_the_paper_takes_equal_frames_as_they_come(reference_map, drive):
@@ -153,21 +147,18 @@ def test_the_paper_takes_equal_frames_as_they_come(reference_map, drive):
 def test_frames_that_never_came_hold_their_places(reference_map, search, drive):
     config = with_values(OWN, {'matching': 'coherent', 'search': search})
     places = [None if place in (25, 26, 30, 38) else place for place in range(5, 50)]
-    shown = [place for place in places if place is not None]
     matches = drive(PlaceRecognizer(reference_map, config), places)
-    for place, match in zip(shown[14:], matches[14:], strict=True):
-        assert match.accepted.reference_index == place
+    found = [match.accepted.reference_index for match in matches[14:]]
+    assert found == [place for place in places if place is not None][14:]
 
 
 def test_matches_come_at_the_stated_rate(reference_map, drive):
     config = with_values(OWN, {'closure_interval_s': 1.0})
     matches = drive(PlaceRecognizer(reference_map, config), range(5, 55))
-    accepted = [match.query_index for match in matches if match.accepted]
-    assert accepted == list(range(accepted[0], 50, 10))
-    assert {match.reason for match in matches[accepted[0] :]} == {
-        Reason.ACCEPTED,
-        Reason.COOL_DOWN,
-    }
+    first, *accepted = [match.query_index for match in matches if match.accepted]
+    assert accepted == list(range(first + 10, 50, 10))
+    reasons = {match.reason for match in matches[first:]}
+    assert reasons == {Reason.ACCEPTED, Reason.COOL_DOWN}
 
 
 def test_the_shift_is_given_in_cells_in_pixels_and_as_a_turn(reference_map, image):
@@ -201,11 +192,11 @@ def test_after_a_reset_answers_are_those_of_a_fresh_start(reference_map, drive, 
     drive(used, range(40, 60), seed=7, odometry=0)
     used.reset()
     anew = {'start_ns': 100 * STEP_NS, 'odometry': 500}  # it begins at other coordinates
-    again, first = (drive(one, range(5, 35), **anew) for one in (used, fresh))
-    assert [replace(match, query_index=0) for match in again] == [
-        replace(match, query_index=0) for match in first
-    ]
-    assert any(match.accepted for match in first)
+    again, first = (
+        [replace(match, query_index=0) for match in drive(one, range(5, 35), **anew)]
+        for one in (used, fresh)
+    )
+    assert again == first and any(match.accepted for match in first)
 
 
 @pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])

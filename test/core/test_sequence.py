@@ -41,10 +41,6 @@ def length(frames, similar, config=RULE):
     return choose_length(frames, lambda _, other: by_identity[id(other)], config)
 
 
-def frames(count, entropy=0.6):
-    return [frame(entropy) for _ in range(count)]
-
-
 # Sums of these entropies are exact, in whatever order.
 @given(runs(0.0, 0.4, 0.89, 0.9, 1.0), runs(0.0, 0.375, 0.625, 1.0))
 def test_lengths_are_those_of_the_paper_restated(similar, entropies):
@@ -56,30 +52,27 @@ def test_lengths_are_those_of_the_paper_restated(similar, entropies):
     assert length([frame(value) for value in entropies], similar) == expected
 
 
-def test_fixed_length_ignores_similarity_and_entropy():
-    fixed = SequenceConfig(fixed_length=10)
-    assert length(frames(9), [1] * 9, fixed) is None
-    assert length(frames(30, 0.1), [1] * 30, fixed) == 10
+BOUNDS = [  # number of frames, their entropy, similarities, settings, and the length
+    (9, 0.6, [1] * 9, {'fixed_length': 10}, None),
+    (30, 0.1, [1] * 30, {'fixed_length': 10}, 10),  # whatever similarity and entropy
+    (30, 0.1, [1] * 30, {'max_length': 8}, 8),
+    (30, 0.6, [1] * 30, {'max_length': 8}, 8),
+    (30, 0.6, [0] * 30, {'min_length': 5}, 5),
+    # A shortest length of one frame lets the next one decide.
+    (9, 0.6, [1, 0.5] + [1] * 7, {'min_length': 1}, 1),
+    (9, 0.6, [1, 1, 0.5] + [1] * 6, {'min_length': 1}, 3),
+    (9, 0.1, [1, 0.5] + [1] * 7, {'min_length': 1, 'max_length': 4}, 4),
+    (1, 0.6, [1], {'min_length': 1}, None),
+    # It is unknown while the outermost frame overlaps the anchor.
+    (4, 0.6, [1] * 4, {}, None),
+    (4, 0.6, [1, 1, 1, 0.5], {}, 4),
+]
 
 
-def test_the_longest_and_the_shortest_chosen_length_are_kept():
-    short = SequenceConfig(max_length=8)
-    assert length(frames(30, 0.1), [1] * 30, short) == length(frames(30), [1] * 30, short) == 8
-    assert length(frames(30), [0] * 30, SequenceConfig(min_length=5)) == 5
-
-
-def test_a_shortest_length_of_one_frame_lets_the_next_one_decide():
-    single = SequenceConfig(min_length=1)
-    assert length(frames(9), [1, 0.5] + [1] * 7, single) == 1
-    assert length(frames(9), [1, 1, 0.5] + [1] * 6, single) == 3
-    grows = replace(single, max_length=4)
-    assert length(frames(9, 0.1), [1, 0.5] + [1] * 7, grows) == 4
-    assert length(frames(1), [1], single) is None
-
-
-def test_the_length_is_unknown_while_the_outermost_frame_overlaps_the_anchor():
-    assert length(frames(4), [1] * 4) is None
-    assert length(frames(4), [1, 1, 1, 0.5]) == 4
+@pytest.mark.parametrize(('count', 'entropy', 'similar', 'settings', 'expected'), BOUNDS)
+def test_the_length_is_within_its_bounds(count, entropy, similar, settings, expected):
+    frames = [frame(entropy) for _ in range(count)]
+    assert length(frames, similar, SequenceConfig(**settings)) == expected
 
 
 def test_uninformative_frames_are_passed_over():
