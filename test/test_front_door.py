@@ -4,12 +4,10 @@
 
 from pathlib import Path
 import re
-import runpy
 import sys
 import sysconfig
 
 from convseq_ros import errors
-from convseq_ros.cli import COMMANDS
 from convseq_ros.config import core_parameters
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import parameters
@@ -65,13 +63,6 @@ def test_links_inside_the_repository_lead_somewhere():
     assert not broken
 
 
-def test_the_page_of_commands_has_a_section_for_each_with_its_help(monkeypatch):
-    monkeypatch.setenv('COLUMNS', '96')
-    page = runpy.run_path(str(REPOSITORY / 'docs' / 'site_hooks.py'))['commands']()
-    assert all(f'\n## convseq {name}\n' in f'\n{page}' for name in COMMANDS)
-    assert page.count('usage: convseq') >= len(COMMANDS)
-
-
 def test_the_page_of_topics_has_every_topic_service_and_reason():
     page = (REPOSITORY / 'docs' / 'TOPICS.md').read_text(encoding='utf-8')
     files = [*(REPOSITORY / 'convseq_ros' / 'node').rglob('*.py')]
@@ -122,12 +113,8 @@ def launched(monkeypatch):
     return make
 
 
-def commands(text, start):
-    return [line for line in text.splitlines() if line.startswith(start)]
-
-
 def test_the_launch_lines_of_the_readme_set_topics_map_and_mode(launched):
-    preloaded, online = commands(README, 'ros2 launch')
+    preloaded, online = (one for one in README.splitlines() if one.startswith('ros2 launch'))
     node = launched(preloaded)
     file, chosen = node['parameters']
     assert file == str(REPOSITORY / 'config' / 'vpr_node.yaml')
@@ -145,8 +132,6 @@ def test_every_parameter_is_a_launch_argument_of_its_type(launched):
         'queue_size': 7, 'publish_initial_pose': True, 'map_path': '5', 'min_margin': 1.0,
         'use_sim_time': False,
     }  # fmt: skip
-    with pytest.raises(ConfigError, match=r'queue_size: 0 is outside 1 \.\. 10000'):
-        launched('queue_size:=0')
 
 
 def test_launch_arguments_set_respawn_log_level_and_rviz(launched):
@@ -158,19 +143,26 @@ def test_launch_arguments_set_respawn_log_level_and_rviz(launched):
     assert node['beside'][0]['arguments'] == ['-d', str(REPOSITORY / 'config' / 'convseq.rviz')]
 
 
-def test_an_unknown_launch_argument_is_an_error_that_names_the_most_similar(launched):
-    with pytest.raises(ConfigError, match="no such argument 'map_pth'; did you mean map_path"):
-        launched('ros2 launch convseq_ros vpr.launch.py map_pth:=map.db')
-
-
 def test_a_camera_sets_its_topics_and_other_arguments_override_them(launched):
     assert dict(launched('camera:=zed odom:=/wheels')['remappings']) == {
         'image': 'zed/zed_node/rgb/color/rect/image',
         'camera_info': 'zed/zed_node/rgb/color/rect/camera_info',
         'odom': '/wheels',
     }
-    with pytest.raises(ConfigError, match=r"no such camera 'relsense'; did you mean realsense\?"):
-        launched('camera:=relsense')
+
+
+@pytest.mark.parametrize(
+    ('word', 'told'),
+    [
+        ('map_pth:=map.db', "no such argument 'map_pth'; did you mean map_path"),
+        ('camera:=relsense', r"no such camera 'relsense'; did you mean realsense\?"),
+        ('method:=papr', r"no such method 'papr'; did you mean paper\?"),
+        ('queue_size:=0', r'queue_size: 0 is outside 1 \.\. 10000'),
+    ],
+)
+def test_a_launch_argument_without_a_meaning_is_refused(launched, word, told):
+    with pytest.raises(ConfigError, match=told):
+        launched(word)
 
 
 def test_the_papers_method_is_one_argument(launched):
@@ -178,8 +170,6 @@ def test_the_papers_method_is_one_argument(launched):
         return [Path(one).name for one in launched(f'method:={method}')['parameters'][1:-1]]
 
     assert (files('paper'), files('')) == (['paper.yaml'], [])
-    with pytest.raises(ConfigError, match=r"no such method 'papr'; did you mean paper\?"):
-        files('papr')
 
 
 def test_arguments_of_a_launch_file_that_includes_ours_are_its_own(launched):
@@ -213,17 +203,17 @@ def node(*args):
     return run(sys.executable, '-c', code, timeout=180)
 
 
-def test_the_node_without_ros_reports_the_remedy_in_one_line():
-    result = node()
-    assert result.returncode == 1
-    assert result.stderr.startswith('vpr_node: ROS 2 is not installed or not sourced: source /opt')
+@pytest.mark.parametrize(
+    ('words', 'code', 'told'),
+    [
+        ([], 1, 'ROS 2 is not installed or not sourced: source /opt'),
+        (['-p', 'map_path:=map.db'], 2, '-p: parameters and remaps follow --ros-args\n'),
+    ],
+)
+def test_the_node_without_ros_or_its_words_gives_the_remedy_in_one_line(words, code, told):
+    result = node(*words)
+    assert result.returncode == code and result.stderr.startswith(f'vpr_node: {told}')
     assert len(result.stderr.splitlines()) == 1
-
-
-def test_the_node_refuses_what_ros_would_pass_over():
-    result = node('-p', 'map_path:=map.db')
-    assert result.returncode == 2
-    assert result.stderr == 'vpr_node: -p: parameters and remaps follow --ros-args\n'
 
 
 @pytest.mark.parametrize('word', ['-h', '--help'])

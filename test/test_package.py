@@ -101,16 +101,6 @@ def colcon(root: Path, *verb: str) -> subprocess.CompletedProcess[str]:
     return run(SCRIPTS / 'colcon', *verb, cwd=root, env=environment)
 
 
-def bash(folder: Path, script: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        ['bash', '-c', script],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-
-
 def find_executable(prefix: Path, name: str) -> Path:
     """Return what `ros2 run convseq_ros NAME` would execute from this prefix."""
     assert (prefix / 'share/ament_index/resource_index/packages/convseq_ros').is_file()
@@ -200,9 +190,10 @@ def wheel() -> metadata.Distribution:
     return installed
 
 
-def test_one_wheel_serves_every_python(wheel):
-    tags = wheel.read_text('WHEEL')
-    assert re.search(r'^Tag: py3-none-\w+$', tags, re.MULTILINE)
+def test_one_wheel_of_the_package_alone_serves_every_python(wheel):
+    assert re.search(r'^Tag: py3-none-\w+$', wheel.read_text('WHEEL'), re.MULTILINE)
+    tops = {file.parts[0] for file in wheel.files or () if file.suffix == '.py'}
+    assert tops <= {'convseq_ros', '..'}  # the second is a launch file in share
 
 
 def test_colcon_installs_what_ros2_run_executes(workspace):
@@ -232,26 +223,23 @@ def test_the_robot_block_of_the_readme_works(workspace):
     pytest.importorskip('rosbags')
     readme = (REPOSITORY / 'README.md').read_text(encoding='utf-8')
     (block,) = re.findall(r'```bash\n(colcon build.*?)```', readme, re.DOTALL)
-    _build, _install, make, run = block.splitlines()
+    _build, _install, make, start = block.splitlines()
     drawn = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))
     write_recording(workspace / 'first_drive.mcap', drawn)
     # The workspace is built already, by the same command but for this package's name.
     sourced = f'set -e; source install/setup.bash; {ROS2_RUN}'
-    with bash(workspace, f'{sourced} which convseq; {make}') as made:
-        told = made.stdout.read()
-    assert made.returncode == 0, told
-    assert told.startswith(f'{workspace}/install/convseq_ros/bin/convseq\n')
-    assert 'map.db: ' in told and (workspace / 'map.db').is_file()
-    with bash(workspace, f'{sourced} {run}') as node:
+    made = run('bash', '-c', f'{sourced} which convseq; {make}', cwd=workspace)
+    assert made.returncode == 0, made.stdout + made.stderr
+    assert made.stdout.startswith(f'{workspace}/install/convseq_ros/bin/convseq\n')
+    assert 'map.db: ' in made.stdout + made.stderr and (workspace / 'map.db').is_file()
+    with subprocess.Popen(
+        ['bash', '-c', f'{sourced} {start}'], cwd=workspace, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    ) as node:  # fmt: skip
         for line in node.stdout:
             if 'listening to /camera/image_raw' in line:
                 node.send_signal(signal.SIGINT)
     assert node.returncode == 0
-
-
-def test_nothing_of_the_repository_but_the_package_is_installed(wheel):
-    tops = {file.parts[0] for file in wheel.files or () if file.suffix == '.py'}
-    assert tops <= {'convseq_ros', '..'}  # the second is a launch file in share
 
 
 def test_the_six_names_are_all_that_is_public():
@@ -264,13 +252,14 @@ def test_the_six_names_are_all_that_is_public():
         _ = convseq_ros.nothing_of_the_kind
 
 
-def test_importing_the_package_loads_nothing_heavy():
-    code = 'import sys, convseq_ros; print({"numpy", "cv2", "yaml"} & sys.modules.keys())'
-    result = run(sys.executable, '-c', code)
-    assert result.stdout.strip() == 'set()', result.stderr
-
-
-def test_only_solving_loads_gtsam():
-    pytest.importorskip('rclpy', reason='needs ROS')
-    code = 'import convseq_ros.node.vpr_node, sys; print("gtsam" in sys.modules)'
-    assert run(sys.executable, '-c', code).stdout.split()[-1] == 'False'
+@pytest.mark.parametrize(
+    ('module', 'heavy'),
+    [('convseq_ros', {'numpy', 'cv2', 'yaml'}), ('convseq_ros.node.vpr_node', {'gtsam'})],
+)
+def test_importing_a_module_loads_nothing_heavy(module, heavy):
+    if '.' in module:
+        pytest.importorskip('rclpy', reason='needs ROS')
+    result = run(
+        sys.executable, '-c', f'import sys, {module}; print({heavy} & sys.modules.keys())'
+    )
+    assert result.stdout.split()[-1] == 'set()', result.stderr

@@ -34,6 +34,7 @@ from convseq_ros.sources import open_source
 import cv2
 from descriptor_models import made
 import numpy as np
+from programs import run, wait_for
 import recordings
 
 START_NS, STEP_NS = recordings.START_NS, recordings.STEP_NS
@@ -115,43 +116,27 @@ def answers_of_the_core(recording, map_path, encoding, path, topics):
 
 
 def answers_of_the_node(recording, map_path, encoding, path, topics):
-    python = [sys.executable, '-m']
-    environment = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
     parameters = {
         'map_path': map_path, 'result_file': path, 'queue_size': 1000, 'max_wait_s': 0.0,
         'image_mask': encoding.image_mask, 'image_rotation_deg': encoding.image_rotation_deg,
         'descriptor_model': encoding.descriptor_model, 'image_topics': ' '.join(topics),
     }  # fmt: skip
-    given = [
-        word
-        for name, value in parameters.items()
-        if value != ''
-        for word in ('-p', f'{name}:={value}')
-    ]
-    node = subprocess.Popen(
-        [*python, 'convseq_ros.node.vpr_node', '--ros-args', *given],
-        cwd=path.parent,
-        env=environment,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        for topic in topics or ['/image']:
-            sender = 'convseq_ros.node.outputs.drive_sender', recording, '6', f'/camera:={topic}'
-            subprocess.run(
-                [*python, *sender], cwd=path.parent, env=environment, check=True, timeout=180
-            )
-        deadline = 600
-        expected = NUM_FRAMES * max(1, len(topics))
-        while len(path.read_text().splitlines()) <= expected and deadline:
-            deadline -= 1
-            with pytest.raises(subprocess.TimeoutExpired):
-                node.wait(0.05)
-        node.send_signal(signal.SIGINT)
-        assert node.wait(60) == 0
-    finally:
-        node.kill()
-        node.communicate()
+    given = [f'{name}:={value}' for name, value in parameters.items() if value != '']
+    words = ['--ros-args', *(word for one in given for word in ('-p', one))]
+    python = [sys.executable, '-m']
+    ours = {'cwd': path.parent, 'env': os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}}
+    with subprocess.Popen([*python, 'convseq_ros.node.vpr_node', *words], **ours) as node:
+        try:
+            for topic in topics or ['/image']:
+                sender = 'convseq_ros.node.outputs.drive_sender', recording, '6'
+                done = run(*python, *sender, f'/camera:={topic}', **ours, timeout=180)
+                assert done.returncode == 0, done.stderr
+            expected = NUM_FRAMES * max(1, len(topics))
+            wait_for(lambda: len(path.read_text().splitlines()) > expected, 60)
+            node.send_signal(signal.SIGINT)
+            assert node.wait(60) == 0
+        finally:
+            node.kill()
     return read_results(path)
 
 
@@ -197,6 +182,5 @@ def test_a_live_node_with_a_model_answers_as_the_core(recording, drive, encoding
 def test_a_live_node_with_two_cameras_answers_as_the_core(recording, map_path, encoding, tmp_path):
     topics = ['/front/image', '/rear/image']
     offline = same_answers(tmp_path, recording, map_path, encoding, topics)
-    assert [row['camera'] for row in offline] == [topics[0]] * NUM_FRAMES + [
-        topics[1]
-    ] * NUM_FRAMES
+    shown = [topic for topic in topics for _ in range(NUM_FRAMES)]
+    assert [row['camera'] for row in offline] == shown

@@ -26,22 +26,10 @@ def reference_map(described):
     return made
 
 
-def standardised(numbers):
-    """Return references about their mean, less of their spread, the mean and the variance."""
-    count, mean = len(numbers), numbers.mean(axis=0)
-    variance = np.maximum(numbers.var(axis=0), 1e-6)
-    variance = (count * variance + 20 * variance.mean()) / (count + 20)
-    return (numbers - mean) / variance**0.125, mean, variance
-
-
 def row_of(coarse, query, usable=None):
     """Return what the newest query scores, once it is taken in."""
     coarse.update(query, usable)
     return coarse.row
-
-
-def cosines(references, query):
-    return references @ query / (np.linalg.norm(references, axis=1) * np.linalg.norm(query))
 
 
 def test_scores_are_cosines_of_descriptors_whitened_by_map_and_drive(reference_map, described):
@@ -49,11 +37,16 @@ def test_scores_are_cosines_of_descriptors_whitened_by_map_and_drive(reference_m
     queries = [described(place, 1) for place in (5, 6, 7)]
     rows = [row_of(coarse, query) for query in queries]
     own = np.array([global_descriptor(query.cells) for query in queries], float)
-    references, mean, variance = standardised(reference_map.global_descriptors.astype(float))
-    away = own[2] - (2 * mean + own.sum(axis=0)) / 5
+    # References about their mean, less of their spread.
+    numbers = reference_map.global_descriptors.astype(float)
+    mean, variance = numbers.mean(axis=0), np.maximum(numbers.var(axis=0), 1e-6)
+    variance = (PLACES * variance + 20 * variance.mean()) / (PLACES + 20)
+    references = (numbers - mean) / variance**0.125
     spread = (3 * own.var(axis=0) + 20 * variance) / 23
-    expected = cosines(references, away / spread**0.125)
-    assert rows[2].dtype == np.float32 and rows[2] == pytest.approx(expected, abs=1e-5)
+    query = (own[2] - (2 * mean + own.sum(axis=0)) / 5) / spread**0.125
+    lengths = np.linalg.norm(references, axis=1) * np.linalg.norm(query)
+    assert rows[2].dtype == np.float32
+    assert rows[2] == pytest.approx(references @ query / lengths, abs=1e-5)
 
 
 def test_a_growing_map_is_scored_up_to_its_newest_place(reference_map, described):
@@ -121,23 +114,17 @@ def test_the_best_are_found_without_sorting_all(count):
         assert len(top(scores, 0)) == 0
 
 
-def session_of(place, starts):
-    return int(np.searchsorted(starts, place, 'right'))
-
-
 def brute_force(rows, starts, both):
     """Return, place by place, its score and most of the best of the places that led there."""
     sums = rows[0].astype(float)
     for row in rows[1:]:
+        session = np.searchsorted(starts, np.arange(len(row)), 'right')
         before = np.append(sums, np.full(len(row) - len(sums), sums.min()))
         sums = np.empty(len(row))
         for place in range(len(row)):
             last = place + TRACK.reach if both else place
-            led = [
-                before[one]
-                for one in range(max(0, place - TRACK.reach), min(last, len(row) - 1) + 1)
-                if session_of(one, starts) == session_of(place, starts)
-            ]
+            near = range(max(0, place - TRACK.reach), min(last, len(row) - 1) + 1)
+            led = [before[one] for one in near if session[one] == session[place]]
             sums[place] = row[place] + TRACK.memory * max(led)
     return sums
 

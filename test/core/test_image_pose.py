@@ -33,13 +33,12 @@ def whole(street):
     return build_map(street[0], None, KEEPS)
 
 
-def changed(whole, change, poses=True):
+def changed(whole, change):
     """Return a map whose images a function from index and JPEG makes."""
     made = ReferenceMap(whole.encoding)
     made.begin_session(0, whole.sessions[0].camera)
     for index, place in enumerate(whole.places):
         (picture,) = whole.pictures([index])
-        place = place if poses else replace(place, pose=None)
         made.add(place, picture.packed, image=change(index, picture.image))
     return made
 
@@ -47,26 +46,29 @@ def changed(whole, change, poses=True):
 @pytest.mark.parametrize('index', [9, 11, 12])
 def test_kept_images_give_the_pose_to_5_cm(street, whole, index):
     query = street[1][9]
-    pose = measured(whole, query, index)
+    pose, again = (measured(whole, query, index) for _ in range(2))
     metres, radians = off(pose, query, whole.places[index])
     assert metres < 0.05 and radians < 0.003
     assert 0.001 < pose.position_sigma_m < 0.05
-    again = measured(whole, query, index)
-    assert pose.position_m == again.position_m and np.array_equal(
-        pose.covariance, again.covariance
-    )
+    assert pose.position_m == again.position_m
+    assert np.array_equal(pose.covariance, again.covariance)
 
 
 def test_cells_give_the_pose_where_keypoints_do_not_agree(street, whole):
     """Each fallback is the very answer of a map without images."""
     query = street[1][9]
     plain = measured(changed(whole, lambda *_: None), query, 11)
-    blank = cv2.imencode('.jpg', np.full((240, 320), 128, np.uint8))[1].tobytes()
-    others = [changed(whole, lambda *_: blank), changed(whole, lambda at, jpeg: jpeg[:at])]
-    others += [changed(whole, lambda at, jpeg: jpeg if at == 11 else None)]
     noise = np.random.default_rng(0).integers(0, 256, (240, 320), np.uint8)
-    noise = cv2.imencode('.jpg', noise)[1].tobytes()
-    others += [changed(whole, lambda *_: noise)]
+    blank, noise = (cv2.imencode('.jpg', one)[1].tobytes() for one in (0 * noise + 128, noise))
+    others = [
+        changed(whole, change)
+        for change in (
+            lambda *_: blank,
+            lambda at, jpeg: jpeg[:at],
+            lambda at, jpeg: jpeg if at == 11 else None,
+            lambda *_: noise,
+        )
+    ]
     for other in others:
         pose = measured(other, query, 11)
         assert pose.position_m == plain.position_m and pose.inliers == plain.inliers
@@ -108,7 +110,7 @@ def test_a_file_keeps_images_and_answers_as_memory_does(street, whole, tmp_path)
     answers = []
     for one in (whole, open_map(merged)):
         recognizer = PlaceRecognizer(one, config)
-        answers.append([recognizer.process(frame).relative_pose for frame in street[1]])
+        answers.append([recognizer.process(frame).relative_pose for frame in street[1][5:13]])
     known = [one for one in answers[0] if one]
     assert known and all(one.position_sigma_m < 0.05 for one in known)
     for one, other in zip(*answers, strict=True):

@@ -4,9 +4,10 @@
 
 import os
 
-from convseq_ros.config import MatchingConfig
+from convseq_ros.config import EncodingConfig, MatchingConfig
 from convseq_ros.core.compiled import library
 from convseq_ros.core.decision.paper.pair_score import PaperMatcher
+from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity import kernels
@@ -45,7 +46,7 @@ def made(request):
     return request.param
 
 
-def test_a_reference_that_shows_nothing_has_no_score(made):
+def test_a_reference_that_shows_nothing_has_no_score_and_such_a_query_no_features(made):
     matcher = made(drawn_map(5, blank=(1, 3)))
     query = matcher.extract(drawn(4))
     found = matcher.scores_of([(query, np.arange(5))])[0]
@@ -54,13 +55,9 @@ def test_a_reference_that_shows_nothing_has_no_score(made):
     assert np.isnan(matcher.scores_of([(query, np.array([3]))])[0]).all()
     assert matcher.shift(query, 1) is None
     assert matcher.field(query, 1, (0.0, 0.0)).shape == (0, 5)
-
-
-def test_a_query_that_shows_nothing_has_no_features(made):
-    blank = Descriptor(
-        np.zeros((32, 32, 8), np.float32), np.zeros(961, bool), np.zeros((32, 32)), 0.0
-    )
-    assert made(drawn_map(1)).extract(blank) is None
+    assert matcher.extract(blank_descriptor(EncodingConfig())) is None
+    # Only coherent matching gives the shift.
+    assert matcher.shift(query, 4) == ((0.0, 0.0) if made is ours else None)
 
 
 def test_a_score_depends_on_no_other_reference_thread_or_cache(made):
@@ -77,70 +74,57 @@ def test_a_score_depends_on_no_other_reference_thread_or_cache(made):
     assert np.array_equal(alone, expected, equal_nan=True)
 
 
-class Watched(ReferenceMap):
-    """Remembers which places were read together."""
-
-    def __init__(self):
-        super().__init__()
-        self.reads = []
-
-    def packed_of(self, indices):
-        self.reads.append(list(indices))
-        return super().packed_of(indices)
-
-
 @pytest.fixture
-def watched():
-    reference_map = Watched()
-    for index in range(40):
-        reference_map.add(Place(index), pack_cells(drawn(index).cells * (index != 7)))
-    return reference_map
+def watched(monkeypatch):
+    """Return a map that remembers in `reads` which places were read together."""
+    reference_map, reads = drawn_map(40, blank=(7,)), []
+    packed_of = reference_map.packed_of
+    monkeypatch.setattr(
+        reference_map, 'packed_of', lambda all_: reads.append([*all_]) or packed_of(all_)
+    )
+    return reference_map, reads
 
 
 def test_rough_features_are_kept_of_three_times_as_many_references(watched):
-    matcher = ours(watched, kept=4)
+    reference_map, reads = watched
+    matcher = ours(reference_map, kept=4)
     query = matcher.extract(drawn(9))
     matcher.rough_scores(query, np.arange(40))
-    watched.reads.clear()
+    reads.clear()
     matcher.rough_scores(query, np.arange(28, 40))
-    assert not watched.reads
+    assert not reads
     matcher.rough_scores(query, np.array([27]))
-    assert watched.reads == [[27]]
+    assert reads == [[27]]
 
 
 @pytest.mark.parametrize('threads', [1, 3])
 def test_references_are_read_in_one_go_and_once(made, watched, threads):
-    matcher = made(watched, None, threads)
-    query = matcher.extract(drawn(9))
-    other = matcher.extract(drawn(3))
-    watched.reads.clear()
+    reference_map, reads = watched
+    matcher = made(reference_map, None, threads)
+    query, other = matcher.extract(drawn(9)), matcher.extract(drawn(3))
+    reads.clear()
     found = matcher.scores_of([(query, np.array([3, 7, 3])), (other, np.array([30, 9, 3]))])
-    assert watched.reads == [[3, 7, 30, 9]]
+    assert reads == [[3, 7, 30, 9]]
     assert [len(one) for one in found] == [3, 3] and found[1].argmax() == 2
     for _ in range(2):
         found = matcher.scores_of([(query, np.array([9, 7, 3]))])[0]
         assert found.argmin() == 1 and np.isnan(found[1]) and found[0] > found[2]
-    assert len(watched.reads) == 1
-    matcher.scores_of([(query, np.array([30, 31, 32]))])[0]
-    assert watched.reads[1:] == [[31, 32]]
+    assert len(reads) == 1
+    matcher.scores_of([(query, np.array([30, 31, 32]))])
+    assert reads[1:] == [[31, 32]]
 
 
 def test_a_failure_in_any_lot_is_raised_once(made, watched, monkeypatch):
-    matcher = made(watched, None, 3)
+    reference_map, reads = watched
+    matcher = made(reference_map, None, 3)
     query = matcher.extract(drawn(0))
-    watched.reads.clear()
+    reads.clear()
     with monkeypatch.context() as patch:
-        patch.setattr(watched, 'packed_of', lambda indices: [None] * len(indices))
+        patch.setattr(reference_map, 'packed_of', lambda indices: [None] * len(indices))
         with pytest.raises((AttributeError, TypeError)):
-            matcher.scores_of([(query, np.arange(40))])[0]
-    matcher.scores_of([(query, np.arange(40))])[0]
-    assert watched.reads == [list(range(40))]
-
-
-def test_only_coherent_matching_gives_the_shift(made):
-    matcher = made(drawn_map(3))
-    query = matcher.extract(drawn(1))
-    assert matcher.shift(query, 1) == ((0.0, 0.0) if made is ours else None)
+            matcher.scores_of([(query, np.arange(40))])
+    matcher.scores_of([(query, np.arange(40))])
+    assert reads == [list(range(40))]
 
 
 def test_without_a_library_the_definition_runs(monkeypatch):
@@ -151,14 +135,9 @@ def test_without_a_library_the_definition_runs(monkeypatch):
 
 @pytest.mark.parametrize(
     ('content', 'quota'),
-    [
-        ('max 100000\n', None),
-        ('100000 100000\n', 1),
-        ('50000 100000\n', 1),
-        ('99900000 100000\n', None),
-        ('nonsense', None),
-    ],
-)
+    [('max 100000\n', None), ('100000 100000\n', 1), ('50000 100000\n', 1),
+     ('99900000 100000\n', None), ('nonsense', None)],
+)  # fmt: skip
 def test_a_container_gets_the_threads_that_its_quota_pays_for(tmp_path, content, quota):
     (tmp_path / 'cpu.max').write_text(content)
     own = len(os.sched_getaffinity(0))
