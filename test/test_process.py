@@ -5,7 +5,6 @@
 import os
 from pathlib import Path
 import signal
-import subprocess
 import sys
 
 from convseq_ros.node import process
@@ -32,17 +31,9 @@ runpy.run_module(module, run_name='__main__', alter_sys=True)
 
 
 def interrupted(number, when, module, *arguments):
-    return run(
-        sys.executable,
-        '-c',
-        INTERRUPTED,
-        str(int(number)),
-        when,
-        module,
-        *arguments,
-        env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
-        timeout=180,
-    )
+    words = '-c', INTERRUPTED, str(int(number)), when, module, *arguments
+    ours = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
+    return run(sys.executable, *words, env=ours, timeout=180)
 
 
 @pytest.mark.parametrize(('number', 'when'), [(signal.SIGINT, 'numpy'), (signal.SIGTERM, 'rclpy')])
@@ -95,13 +86,9 @@ def test_the_fast_dds_profiles_are_found_where_they_are_installed(
 
 
 @pytest.mark.parametrize('program', ['convseq_ros.cli', 'convseq_ros.node'])
-def test_programs_have_one_thread_of_opencv_unless_they_are_reported(program):
+@pytest.mark.parametrize(('told', 'threads'), [({}, 1), ({'OPENCV_FOR_THREADS_NUM': '2'}, 2)])
+def test_programs_have_one_thread_of_opencv_unless_they_are_told(program, told, threads):
     code = f'import {program}, cv2; print(cv2.getNumThreads())'
-    for told, threads in ((None, 1), ('2', 2)):
-        environment = {**os.environ, 'OPENCV_FOR_THREADS_NUM': told or ''}
-        if told is None:
-            del environment['OPENCV_FOR_THREADS_NUM']
-        said = subprocess.run(
-            [sys.executable, '-c', code], env=environment, capture_output=True, check=True
-        )
-        assert int(said.stdout) == threads
+    environment = dict(os.environ)
+    environment.pop('OPENCV_FOR_THREADS_NUM', None)
+    assert run(sys.executable, '-c', code, env=environment | told).stdout == f'{threads}\n'

@@ -33,6 +33,8 @@ def test_without_arguments_a_map_is_made_online(launched):
     assert graph['executable'] == 'pose_graph_node'
     assert graph['parameters'] == [{'use_sim_time': False}]
     assert graph['remappings'] == []
+    chosen, graph = launched(publish_tf='false')
+    assert not chosen['publish_tf'] and graph['parameters'][0]['publish_tf'] is False
 
 
 def test_both_nodes_get_the_map_and_the_graphs_parameters_are_arguments(launched):
@@ -59,19 +61,13 @@ def test_rviz_shows_the_corrected_path_in_the_namespace(launched):
     assert ' /vpr_node/' not in text and ' /pose_graph_node/' not in text
 
 
-def test_two_publishers_of_one_transform_are_refused(launched):
-    with pytest.raises(ConfigError, match='publish_tf: pose_graph_node broadcasts map -> odom'):
-        launched(publish_tf='true')
-    chosen, graph = launched(publish_tf='false')
-    assert not chosen['publish_tf'] and graph['parameters'][0]['publish_tf'] is False
-
-
 @pytest.mark.parametrize(
     ('name', 'text', 'told'),
     [
         ('params_file', '/none.yaml', '/none.yaml: no such file'),
         ('use_sim_time', 'maybe', "expected true or false, got 'maybe'"),
         ('respawn', 'yes', "expected true or false, got 'yes'"),
+        ('publish_tf', 'true', 'pose_graph_node broadcasts map -> odom'),
     ],
 )
 def test_an_argument_of_launch_that_has_no_effect_is_refused(launched, name, text, told):

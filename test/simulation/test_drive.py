@@ -143,26 +143,20 @@ def test_the_pose_along_a_route_never_jumps():
 def test_the_place_in_the_street_is_the_place_in_the_world(distance):
     spot = ROUTE.spot(distance, -1.5, 0.2)
     turned = round(math.remainder(spot.yaw_rad - spot.street_yaw_rad, 2 * math.pi) / (math.pi / 2))
-    if turned == 0:
-        assert spot.street_x == pytest.approx(spot.x)
-        line = spot.y - spot.street_y
-    else:
-        assert turned == 1 and spot.street_x == pytest.approx(spot.y)
-        line = spot.x + spot.street_y
+    assert turned in (0, 1)
+    along, line = ((spot.x, spot.y - spot.street_y), (spot.y, spot.x + spot.street_y))[turned]
+    assert spot.street_x == pytest.approx(along)
     assert min(abs(line - known) for known in (0.0, 40.0, 60.0)) < 1e-9
 
 
 def test_the_second_lap_sees_what_the_first_saw():
-    first, second = (ROUTE.spot(at, -1.0, 0.0) for at in (20.0, 20.0 + LAP_M))
+    laps = 20.0, 20.0 + LAP_M
+    first, second = (ROUTE.spot(at, -1.0, 0.0) for at in laps)
     assert first.street == second.street
     for name in ('x', 'y', 'street_x', 'street_y'):
         assert getattr(first, name) == pytest.approx(getattr(second, name))
-    one, other = (
-        next(draw(ROUTE, Drive(start_m=at, num_frames=1, width_px=96, height_px=72))).image.astype(
-            float
-        )
-        for at in (20, 20 + LAP_M)
-    )
+    drives = (Drive(start_m=at, num_frames=1, width_px=96, height_px=72) for at in laps)
+    one, other = (next(draw(ROUTE, drive)).image.astype(float) for drive in drives)
     assert np.abs(one - other).mean() < 1.0
 
 
