@@ -74,35 +74,29 @@ def test_maps_that_cannot_be_opened_are_left_out_and_named(
     drives, client, expected, tmp_path, answers_of
 ):
     maps, _, again = drives
-    folder = tmp_path / 'some'
-    shutil.copytree(maps, folder)
+    folder = shutil.copytree(maps, tmp_path / 'some')
     (folder / 'map_0a.db').write_bytes(b'SQLite format 3\0 and nothing else')
     other = ['--image-size-px', '256']
     assert main(['build-map', str(again), str(folder / 'map_9.db'), *SETTINGS, *other]) == 0
     fleet = Fleet(client, sorted(folder.glob('*.db')), Config())
     damaged, foreign = fleet.missing
     assert 'map_0a.db' in damaged and 'map_9.db' in foreign and 'image_size_px' in foreign
-    # The others answer as if there were no more.
+    # The others answer as if there were no more; without any, there is no fleet.
     assert answers_of(fleet.cameras.first, again) == expected
+    with pytest.raises(FleetError, match=r'no map of 1 can be opened: .*map_0a\.db'):
+        Fleet(client, [folder / 'map_0a.db'], Config())
 
 
 def test_a_map_that_is_damaged_later_ends_in_one_line(drives, client, tmp_path, answers_of):
     maps, _, again = drives
-    folder = tmp_path / 'some'
-    shutil.copytree(maps, folder)
+    folder = shutil.copytree(maps, tmp_path / 'some')
     fleet, damaged = Fleet(client, sorted(folder.glob('*.db')), Config()), folder / 'map_1.db'
-    content = bytearray(damaged.read_bytes())
-    content[len(content) // 4 :] = bytes(len(content) - len(content) // 4)
-    damaged.write_bytes(content)
+    content = damaged.read_bytes()
+    quarter = len(content) // 4
+    damaged.write_bytes(content[:quarter] + bytes(len(content) - quarter))
     with pytest.raises(MapError, match=r'map_1\.db') as caught:
         answers_of(fleet.cameras.first, again)
     assert '\n' not in str(caught.value)
-
-
-def test_a_fleet_without_a_readable_map_is_refused_with_the_reason(client, tmp_path):
-    (tmp_path / 'a.db').write_bytes(b'nothing')
-    with pytest.raises(FleetError, match=r'no map of 1 can be opened: .*a\.db'):
-        Fleet(client, [tmp_path / 'a.db'], Config())
 
 
 @pytest.mark.parametrize(('name', 'value'), [('search', 'exhaustive'), ('mode', 'online')])

@@ -16,27 +16,29 @@ from std_msgs.msg import Int32
 from std_srvs.srv import Trigger
 
 
-@pytest.fixture
-def node(client):
-    """Return a node that no executor serves."""
-    made = ListeningNode('listening', context=client.node.context)
-    yield made
-    made.destroy_node()
-
-
-def test_messages_arrive_without_a_spinning_executor(client, node):
-    heard = []
-    subscription = FollowingSubscription(node, Int32, '/number', heard.append, 10)
+def heard_numbers(client, node, callback):
+    """Return a publisher of numbers, and the subscription to them."""
+    subscription = FollowingSubscription(node, Int32, '/number', callback, 10)
     publisher = client.node.create_publisher(Int32, '/number', 10)
     client.wait_for(publisher.get_subscription_count)
+    return publisher, subscription
+
+
+def test_messages_arrive_without_a_spinning_executor(client):
+    node, heard = ListeningNode('listening', context=client.node.context), []
+    publisher, subscription = heard_numbers(client, node, heard.append)
     for number in range(5):
         publisher.publish(Int32(data=number))
     client.wait_for(lambda: [message.data for message in heard] == [0, 1, 2, 3, 4])
     subscription.stop()
     client.wait_for(lambda: not publisher.get_subscription_count())
+    assert 'listener' in {thread.name for thread in threading.enumerate()}
+    node.destroy_node()
+    assert 'listener' not in {thread.name for thread in threading.enumerate()}
 
 
-def test_a_callback_that_fails_is_logged_and_called_again(client, node, monkeypatch):
+def test_a_callback_that_fails_is_logged_and_called_again(client, monkeypatch):
+    node = ListeningNode('listening', context=client.node.context)
     logger, heard = Mock(), []
 
     def fail_first(message):
@@ -44,21 +46,12 @@ def test_a_callback_that_fails_is_logged_and_called_again(client, node, monkeypa
         assert message.data
 
     monkeypatch.setattr(node, 'get_logger', lambda: logger)
-    FollowingSubscription(node, Int32, '/number', fail_first, 10)
-    publisher = client.node.create_publisher(Int32, '/number', 10)
-    client.wait_for(publisher.get_subscription_count)
+    publisher, _ = heard_numbers(client, node, fail_first)
     publisher.publish(Int32(data=0))
     publisher.publish(Int32(data=1))
     client.wait_for(lambda: heard == [0, 1])
     assert 'AssertionError' in logger.error.call_args.args[0]
-
-
-def test_the_thread_ends_with_its_node(client):
-    node = ListeningNode('listening', context=client.node.context)
-    FollowingSubscription(node, Int32, '/number', Mock(), 10)
-    assert any(thread.name == 'listener' for thread in threading.enumerate())
     node.destroy_node()
-    assert not any(thread.name == 'listener' for thread in threading.enumerate())
 
 
 SECOND = 1_000_000_000

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the robot is: asked for, published when it changes, and why it is not known."""
 
+from functools import cache
 from itertools import pairwise
 import math
 import threading
@@ -15,7 +16,6 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
-BELIEF = {'matching': 'coherent'}
 UNKNOWN = None
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -23,14 +23,12 @@ LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 @pytest.fixture
 def ask(client):
     """Return a way to ask where the robot is: a future for each call."""
-    services = []
 
-    def ask(count=1):
-        if not services:
-            services.append(client.service(Trigger, '/vpr_node/localize'))
-        return [services[0].call_async(Trigger.Request()) for _ in range(count)]
+    @cache
+    def service():
+        return client.service(Trigger, '/vpr_node/localize')
 
-    return ask
+    return lambda count=1: [service().call_async(Trigger.Request()) for _ in range(count)]
 
 
 def answers(client, futures):
@@ -58,10 +56,8 @@ def test_all_waiting_localize_calls_are_answered_by_the_localising_frame(
 def test_every_change_of_the_state_is_published_and_latched_with_one_initial_pose(
     client, vpr, map_path, show
 ):
-    vpr(
-        '-r', 'initialpose:=/amcl/initialpose', map_path=map_path, publish_initial_pose='true',
-        **BELIEF,
-    )  # fmt: skip
+    remap = '-r', 'initialpose:=/amcl/initialpose'
+    vpr(*remap, map_path=map_path, publish_initial_pose='true', matching='coherent')
     told = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
     poses = client.listen(PoseWithCovarianceStamped, '/amcl/initialpose', LATCHED)
     client.wait_for(lambda: told)

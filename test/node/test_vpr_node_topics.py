@@ -111,14 +111,6 @@ def test_the_debug_image_is_published_to_subscribers(client, vpr, map_path, stre
     assert np.frombuffer(pictures[-1].data, np.uint8).std() > 10
 
 
-def test_the_path_of_the_map_is_published_to_subscribers(client, vpr, map_path):
-    vpr(map_path=map_path)
-    paths = client.listen(Path, '/vpr_node/reference_path', LATCHED)
-    client.wait_for(lambda: paths, 'the path that was published at the start')
-    assert [each.pose.position.x for each in paths[0].poses] == list(range(25))
-    assert {each.header.frame_id for each in (paths[0], *paths[0].poses)} == {'map'}
-
-
 def test_every_frame_has_an_answer_that_is_its_row(client, vpr, show, map_path, tmp_path):
     table = tmp_path / 'live.csv'
     node = vpr(map_path=map_path, result_file=table)
@@ -142,14 +134,16 @@ def test_every_frame_has_an_answer_that_is_its_row(client, vpr, show, map_path, 
     assert anchors == {reference_map.sessions[0].id}
 
 
-def test_a_late_subscriber_gets_the_map_info(client, vpr, map_path):
+def test_a_late_subscriber_gets_the_path_and_the_map_info(client, vpr, map_path):
     node = vpr(map_path=map_path)
     client.wait_for(lambda: node._ready)
     told = client.listen(DiagnosticArray, '/vpr_node/map_info', LATCHED)
-    client.wait_for(lambda: told)
-    message = told[0]
-    found = client.values_of(message)
+    paths = client.listen(Path, '/vpr_node/reference_path', LATCHED)
+    client.wait_for(lambda: told and paths, 'what was published at the start')
+    found, message = client.values_of(told[0]), told[0]
     assert found['map_id'] == message.status[0].hardware_id == open_map(map_path).map_id
     assert message.header.frame_id == 'map'
     assert (found['places'], found['with_pose'], found['sessions']) == ('25', '25', '1')
     assert message.status[0].message == '25 places, 25 with a pose'
+    assert [each.pose.position.x for each in paths[0].poses] == list(range(25))
+    assert {each.header.frame_id for each in (paths[0], *paths[0].poses)} == {'map'}
