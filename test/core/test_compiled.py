@@ -58,26 +58,25 @@ def test_kernels_that_do_not_suit_are_not_used(monkeypatch, version, asked, told
     assert found.variant == '' and told in found.problem
 
 
+WARMED = """
+from convseq_ros.core.compiled import available
+from convseq_ros.app.pipeline import Pipeline
+from convseq_ros.config import Config
+Pipeline(None, Config()).warm_up()
+print(available())
+"""
+
+
 def test_nothing_is_written_where_the_package_is_installed(tmp_path):
     needs_library()
-    shutil.copytree(INSTALLED, tmp_path / 'convseq_ros')
-    for cached in tmp_path.rglob('__pycache__'):
-        shutil.rmtree(cached)
+    ignored = shutil.ignore_patterns('__pycache__')
+    shutil.copytree(INSTALLED, tmp_path / 'convseq_ros', ignore=ignored)
 
     def state():
         return {path: path.stat().st_mtime_ns for path in tmp_path.rglob('*')}
 
-    before = state()
-    lines = (
-        'import numpy as np\n'
-        'from convseq_ros.core.compiled import available\n'
-        'from convseq_ros.app.pipeline import Pipeline\n'
-        'from convseq_ros.config import Config\n'
-        'Pipeline(None, Config()).warm_up()\n'
-        'print(available())\n'
-    )
-    environment = os.environ | {'PYTHONPATH': str(tmp_path)}
-    result = run(sys.executable, '-B', '-c', lines, env=environment, cwd=tmp_path)
+    before, environment = state(), os.environ | {'PYTHONPATH': str(tmp_path)}
+    result = run(sys.executable, '-B', '-c', WARMED, env=environment, cwd=tmp_path)
     assert result.stdout == 'True\n', result.stderr
     assert state() == before
 
@@ -91,19 +90,20 @@ def test_the_library_that_can_be_loaded_is_taken_of_several(tmp_path, monkeypatc
     assert not found_in(tmp_path, monkeypatch).problem
 
 
+PROBED = """
+import ctypes, mmap
+from convseq_ros.core.compiled import library
+page = mmap.mmap(-1, 4096, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)
+page.write(b"\\x0f\\x0b" if library().variant.startswith("avx") else bytes(4))
+probe = ctypes.addressof(ctypes.c_char.from_buffer(page))
+for _ in range(2):
+    print(library().functions.convseq_tried(ctypes.c_void_p(probe)))
+"""
+
+
 def test_an_instruction_that_is_not_there_ends_a_probe_and_not_the_process():
     needs_library()
-    lines = (
-        'import ctypes, mmap\n'
-        'from convseq_ros.core.compiled import library\n'
-        'page = mmap.mmap(-1, 4096, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)\n'
-        'x86 = library().variant.startswith("avx")\n'
-        'page.write(b"\\x0f\\x0b" if x86 else bytes(4))\n'
-        'probe = ctypes.addressof(ctypes.c_char.from_buffer(page))\n'
-        'tried = library().functions.convseq_tried\n'
-        'print(tried(ctypes.c_void_p(probe)), tried(ctypes.c_void_p(probe)))\n'
-    )
-    result = run(sys.executable, '-c', lines, cwd=INSTALLED.parent)
+    result = run(sys.executable, '-c', PROBED, cwd=INSTALLED.parent)
     assert result.stdout.split() == ['1', '1'], result.stderr
 
 

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The type of images is that which is published, and reliability follows the camera."""
 
-from contextlib import contextmanager
 from itertools import count
 import threading
 from unittest.mock import Mock
@@ -83,33 +82,20 @@ def test_compressed_images_are_known_by_the_type_that_is_published(client, vpr, 
     assert not node._counters.unreadable
 
 
-@contextmanager
-def held_up(node, client):
-    """Keep the listener's thread of a node busy for as long as a block lasts."""
-    begun, ended = threading.Event(), threading.Event()
-
-    def wait(_message):
-        begun.set()
-        assert ended.wait(60)
-
-    FollowingSubscription(node, Empty, '/busy', wait, 1)
-    client.camera(Empty, '/busy').publish(Empty())
-    assert begun.wait(60)
-    try:
-        yield
-    finally:
-        ended.set()
-
-
 def test_images_lost_from_a_full_history_are_counted(client, vpr, street, image):
     node = vpr(queue_size=3)
     camera = client.camera(Image)
     camera.publish(image(street[0], 1))
     client.wait_for(lambda: node._counters.received == 1)
-    with held_up(node, client):
-        for number in range(50):
-            camera.publish(image(street[0], number + 2))
-        assert camera.wait_for_all_acked(Duration(seconds=60))
+    # The thread that listens is kept busy.
+    begun, ended = threading.Event(), threading.Event()
+    FollowingSubscription(node, Empty, '/busy', lambda _: begun.set() or ended.wait(60), 1)
+    client.camera(Empty, '/busy').publish(Empty())
+    assert begun.wait(60)
+    for number in range(50):
+        camera.publish(image(street[0], number + 2))
+    assert camera.wait_for_all_acked(Duration(seconds=60))
+    ended.set()
     client.wait_for(lambda: node._counters.received + node._lost() == 51)
     assert node._lost() > 0
 

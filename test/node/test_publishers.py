@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is published of one frame, without a node."""
 
+from types import SimpleNamespace
+
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -16,24 +18,6 @@ import pytest
 HERE = Pose((1.0, 2.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
-class Topics:
-    """Stands for a node; keeps the messages of each topic."""
-
-    def __init__(self):
-        self.messages = {}
-
-    def create_publisher(self, _kind, topic, *_args, **_more):
-        return Topic(self.messages.setdefault(topic, []))
-
-
-class Topic:
-    def __init__(self, messages):
-        self.publish = messages.append
-
-    def get_subscription_count(self):
-        return 1
-
-
 @pytest.fixture
 def publish():
     """Return a function that publishes an answer, and returns the messages by topic."""
@@ -44,13 +28,19 @@ def publish():
     recognizer.process(frame)
 
     def run(reason, confidence, pose=None):
+        messages = {}
+
+        def create_publisher(_kind, topic, *_args, **_more):
+            heard = messages.setdefault(topic, [])
+            return SimpleNamespace(publish=heard.append, get_subscription_count=lambda: 1)
+
         candidates = (Candidate(0, 100, 0.75),)
         stamp_ns = frame.stamp_ns
         match = Match(7, stamp_ns, reason, candidates, 3, confidence=confidence, pose=pose)
-        topics = Topics()
         answered = Answered(frame, match, recognizer, 1, 0.0, 4.0, 12.5)
-        MatchPublishers(topics, NodeConfig(), str).publish(answered)
-        return places.sessions[0].id, topics.messages
+        node = SimpleNamespace(create_publisher=create_publisher)
+        MatchPublishers(node, NodeConfig(), str).publish(answered)
+        return places.sessions[0].id, messages
 
     return run
 
