@@ -22,7 +22,7 @@ from bench.torture.disk import compiler, environment
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NEED_A_COMPILER = {'map_power': 24, 'map_writes': 8}  # tries
-CHEAP = {'hostile_maps': 15, 'log_damage': 30, 'map_damage': 40, 'fuzz': 20}
+CHEAP = {'hostile_maps': 10, 'log_damage': 20, 'map_damage': 25, 'fuzz': 10}
 
 
 def need_packages():
