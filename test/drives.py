@@ -16,6 +16,7 @@ from convseq_ros import simulation
 from convseq_ros.core import types
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.simulation.drive import draw, Drive, Road, Shot
+from convseq_ros.simulation.street import Street
 import cv2
 import numpy as np
 
@@ -83,3 +84,8 @@ def _camera(stored: dict[str, Any] | None) -> Camera | None:
 def shots_of(road: Road, drive: Drive) -> list[Shot]:
     """Return the shots of a drive."""
     return kept(lambda: draw(road, drive), road, drive)
+
+
+def small_drive() -> list[Shot]:
+    """Return the shots of a drive of 30 small pictures, a metre apart, down a street."""
+    return shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))

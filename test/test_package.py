@@ -15,10 +15,8 @@ import sysconfig
 import xml.etree.ElementTree as xml
 
 import convseq_ros
-from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.recording import write_recording
-from convseq_ros.simulation.street import Street
-from drives import shots_of
+from drives import small_drive
 from programs import run
 import pytest
 
@@ -224,7 +222,7 @@ def test_the_robot_block_of_the_readme_works(workspace):
     readme = (REPOSITORY / 'README.md').read_text(encoding='utf-8')
     (block,) = re.findall(r'```bash\n(colcon build.*?)```', readme, re.DOTALL)
     _build, _install, make, start = block.splitlines()
-    drawn = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))
+    drawn = small_drive()
     write_recording(workspace / 'first_drive.mcap', drawn)
     # The workspace is built already, by the same command but for this package's name.
     sourced = f'set -e; source install/setup.bash; {ROS2_RUN}'

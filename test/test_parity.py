@@ -21,9 +21,7 @@ from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.encoding.mask import masked
-from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame
@@ -36,6 +34,7 @@ from descriptor_models import made
 import numpy as np
 from programs import run, wait_for
 import recordings
+from world import map_of
 
 START_NS, STEP_NS = recordings.START_NS, recordings.STEP_NS
 NUM_FRAMES = 36
@@ -67,13 +66,10 @@ def encoding(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def map_path(drive, encoding, tmp_path_factory):
-    reference_map = ReferenceMap(configured(encoding).encoding, keyframes=EVERY_FRAME)
-    for index, gray in enumerate(drive):
-        upright = cv2.rotate(cv2.GaussianBlur(gray, (3, 3), 0), cv2.ROTATE_180)
-        cells = describe(upright, reference_map.encoding).cells
-        reference_map.add(Place(index * STEP_NS), pack_cells(cells))
+    encoding = configured(encoding).encoding
+    upright = (cv2.rotate(cv2.GaussianBlur(one, (3, 3), 0), cv2.ROTATE_180) for one in drive)
     path = tmp_path_factory.mktemp('parity') / 'wall.db'
-    save_map(reference_map, path)
+    save_map(map_of((describe(one, encoding) for one in upright), encoding), path)
     return path
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import re
 import shlex
 
-from drives import shots_of
+from drives import small_drive
 import pytest
 
 pytest.importorskip('rosbags')
@@ -21,9 +21,7 @@ from convseq_ros.core.compiled import library
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Pose
-from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.recording import write_recording as write_drive
-from convseq_ros.simulation.street import Street
 import cv2
 import numpy as np
 from pictures import picture
@@ -34,7 +32,7 @@ from recordings import compressed, image, START_NS, STEP_NS, write_recording
 @pytest.fixture(scope='module')
 def drive(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp('drive') / 'first drive'
-    shots = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))[:12]
+    shots = small_drive()[:12]
     write_drive(path, shots, odom_topic='/wheels/odom', info_topic='/camera/camera_info')
     return path
 
@@ -65,7 +63,7 @@ def test_build_map_info_and_replay_tell_where_the_camera_is(drive, capsys, tmp_p
 
 
 def test_odometry_comes_before_the_truth(tmp_path):
-    shots = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))[:2]
+    shots = small_drive()[:2]
     measured = [replace(shot, odometry=shot.pose) for shot in shots]
     write_drive(tmp_path / 'drive', measured, odom_topic='/odom')
     assert describe_recording(tmp_path / 'drive')['use']['--odom'] == ['/odom', '/ground_truth']

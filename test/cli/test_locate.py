@@ -5,17 +5,12 @@
 import json
 
 from convseq_ros.cli import main
-from convseq_ros.config import EVERY_FRAME
-from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.image_coding import thumbnail
-from convseq_ros.core.map.place import pack_cells, Place
-from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.types import Pose
 import cv2
 import numpy as np
 import pictures
 import pytest
+from world import street_of
 
 # Sure of single frames that have nothing in common.
 SETTINGS = ('--matching', 'regional', '--search', 'exhaustive', '--fixed-length', '1')
@@ -28,13 +23,8 @@ def walls():
 
 @pytest.fixture(scope='module', params=[True, False], ids=['poses', 'no_poses'])
 def place_map(request, walls, tmp_path_factory):
-    reference_map = ReferenceMap(keyframes=EVERY_FRAME)
-    for index, gray in enumerate(walls):
-        pose = Pose((float(index), 2.0, 0.5), (0.0, 0.0, 0.6, 0.8)) if request.param else None
-        place = Place(index + 1, f'wall {index}', pose)
-        reference_map.add(place, pack_cells(describe(gray).cells), thumbnail(gray, 64))
     path = tmp_path_factory.mktemp('map') / 'walls.db'
-    save_map(reference_map, path)
+    save_map(street_of(walls, is_posed=request.param), path)
     return path, request.param
 
 
@@ -51,7 +41,7 @@ def test_the_last_few_images_give_place_pose_and_quality(place_map, images, tmp_
     asked = [*images(3, 4), '--map', str(path), '--picture', str(picture)]
     assert main(['locate', *asked, *SETTINGS]) == 0
     told = capsys.readouterr().out.splitlines()
-    assert told[:2] == ['localised: place 4, quality not known', 'taken at 5 ns, from wall 4']
+    assert told[:2] == ['localised: place 4, quality not known', 'taken at 5 ns, from street']
     assert told[2].startswith('x 4.00 y 2.00 z 0.50 m' if has_poses else 'no pose: the map has')
     assert cv2.imread(str(picture)).shape == (264, 640, 3)
 

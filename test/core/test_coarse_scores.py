@@ -14,16 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from world import map_of
 
 PLACES = 80
 
 
 @pytest.fixture(scope='module')
 def reference_map(described):
-    made = ReferenceMap()
-    for place in range(PLACES):
-        made.add(Place(place), pack_cells(described(place).cells))
-    return made
+    return map_of(map(described, range(PLACES)))
 
 
 def row_of(coarse, query, usable=None):

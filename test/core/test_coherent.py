@@ -17,7 +17,6 @@ from convseq_ros.core.encoding.regions import (
     projection,
 )
 from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
-from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.coherent import extract, global_similarity, region_blocks, widened
 from convseq_ros.core.similarity.kernels.numpy_coherent import (
@@ -30,6 +29,7 @@ from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np
 import pytest
+from world import map_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -121,22 +121,15 @@ def described(cells):
     return Descriptor(cells, np.ones(961, bool), EVERYTHING, 0.5)
 
 
-def map_of(*images):
-    reference_map = ReferenceMap()
-    for index, cells in enumerate(images):
-        reference_map.add(Place(index), pack_cells(cells))
-    return reference_map
-
-
 def matcher(reference_map, **settings):
     return Matcher(reference_map, MatchingConfig(**settings), 0.5)
 
 
 def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
     references = [drawn(seed, 0.5) for seed in range(24)]
-    query, one = described(drawn(3, 0.6)), matcher(map_of(*references))
+    query, one = described(drawn(3, 0.6)), matcher(map_of(references))
     found = one.scores_of([(one.extract(query), np.arange(24))])[0]
-    background = Background(map_of(*references), normalized, projected_regions)
+    background = Background(map_of(references), normalized, projected_regions)
     background.update_map()
     cells = normalized(query.cells)
     regions = projected_regions(cells)
@@ -153,7 +146,7 @@ def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
 
 
 def test_subtracting_the_background_lowers_the_scores_of_wrong_places():
-    reference_map = map_of(*(drawn(seed, 0.6) for seed in range(40)))
+    reference_map = map_of(drawn(seed, 0.6) for seed in range(40))
     query, found = described(drawn(7, 0.55)), []
     for subtracts in (True, False):
         one = matcher(reference_map, subtract_background=subtracts)
@@ -219,7 +212,7 @@ def lit(seed):
 
 def background_of(count, blank=()):
     """Return the background of a map of textures, some of them blank, and the map."""
-    reference_map = map_of(*(lit(index) * (index not in blank) for index in range(count)))
+    reference_map = map_of(lit(index) * (index not in blank) for index in range(count))
     return Background(reference_map, lambda cells: cells, projected_regions), reference_map
 
 

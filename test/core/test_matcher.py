@@ -8,7 +8,6 @@ from convseq_ros.config import EncodingConfig, MatchingConfig
 from convseq_ros.core.compiled import library
 from convseq_ros.core.decision.paper.pair_score import PaperMatcher
 from convseq_ros.core.encoding.descriptor import blank_descriptor
-from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity import kernels
 from convseq_ros.core.similarity.matcher import Matcher
@@ -16,6 +15,7 @@ from convseq_ros.core.similarity.threads import usable_cores
 from convseq_ros.core.types import Descriptor
 import numpy as np
 import pytest
+from world import map_of
 
 
 def drawn(seed):
@@ -25,11 +25,7 @@ def drawn(seed):
 
 
 def drawn_map(count, blank=()):
-    reference_map = ReferenceMap()
-    for index in range(count):
-        cells = drawn(index).cells * (index not in blank)
-        reference_map.add(Place(index), pack_cells(cells))
-    return reference_map
+    return map_of(drawn(index).cells * (index not in blank) for index in range(count))
 
 
 def ours(reference_map, kept=None, threads=1):

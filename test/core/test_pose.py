@@ -9,7 +9,6 @@ from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import Config, EVERY_FRAME, MatchingConfig, RobotConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.upright import upright
-from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.relative_pose import RelativePoses
@@ -23,6 +22,7 @@ import cv2
 from measured_pose import measured, off
 import numpy as np
 import pytest
+from world import map_of
 
 
 @pytest.fixture(scope='module')
@@ -186,8 +186,7 @@ def image_at(scene, yaw):
 
 def measured_px(query, reference):
     """Return the shift that coherent matching finds, in pixels of the query."""
-    reference_map = ReferenceMap()
-    reference_map.add(Place(0), pack_cells(describe(reference).cells))
+    reference_map = map_of([describe(reference)])
     matcher = Matcher(reference_map, MatchingConfig(matching='coherent'), 0.5)
     shift = matcher.shift(matcher.extract(describe(query)), 0)
     return shift_px(shift, *query.shape, CELLS)

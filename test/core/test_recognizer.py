@@ -14,7 +14,6 @@ from convseq_ros.config import (
     with_values,
 )
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera, Frame, Reason, Status
@@ -22,6 +21,7 @@ from convseq_ros.errors import ConfigError
 import numpy as np
 from poses import at
 import pytest
+from world import map_of
 
 STEP_NS = 100_000_000
 PLACES, MAPPED = 90, 60
@@ -37,23 +37,14 @@ ONLINE = replace(OWN, online=OnlineConfig(mode='online'), keyframes=BY_TIME)
 
 @pytest.fixture(scope='module')
 def third_places(image):
-    """Return the packed cells of every third place."""
-    return [pack_cells(describe(image(place), SMALL).cells) for place in range(0, PLACES, 3)]
-
-
-def map_of(third_places, keyframes):
-    made = ReferenceMap(SMALL, keyframes=keyframes)
-    for index, packed in enumerate(third_places):
-        made.add(Place(index), packed)
-    return made
+    """Return descriptors of every third place."""
+    return [describe(image(place), SMALL) for place in range(0, PLACES, 3)]
 
 
 @pytest.fixture(scope='module')
 def reference_map(image):
-    made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
-    for place in range(MAPPED):
-        made.add(Place(place, pose=at(place)), pack_cells(describe(image(place), SMALL).cells))
-    return made
+    shown = (describe(image(place), SMALL) for place in range(MAPPED))
+    return map_of(shown, SMALL, poses=[*map(at, range(MAPPED))])
 
 
 @pytest.fixture(scope='module')
@@ -81,7 +72,7 @@ def drive(image):
 
 
 def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, drive):
-    recognizer = PlaceRecognizer(map_of(third_places, BY_DISTANCE), OWN)
+    recognizer = PlaceRecognizer(map_of(third_places, SMALL, BY_DISTANCE), OWN)
     slowly = np.repeat(np.arange(30, 48), 2).tolist()
     places = [*slowly, *range(48, 60), *range(60, 88, 3)]
     matches = drive(recognizer, places, odometry=0)
@@ -91,7 +82,7 @@ def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, dri
 
 
 def test_pair_scores_and_features_are_those_of_the_newest_keyframe(third_places, drive):
-    recognizer = PlaceRecognizer(map_of(third_places, BY_TIME), OWN)
+    recognizer = PlaceRecognizer(map_of(third_places, SMALL, BY_TIME), OWN)
     assert recognizer.pair_scores is None and recognizer.features is None
     *_, match = drive(recognizer, range(30, 40))
     scores = recognizer.pair_scores
@@ -115,7 +106,7 @@ def test_after_a_clock_jump_the_first_frame_is_a_described_keyframe(drive):
 
 @pytest.mark.parametrize('keyframes', [BY_TIME, KeyframeConfig(), EVERY_FRAME])
 def test_an_unreadable_frame_has_no_candidates_wherever_it_comes(third_places, drive, keyframes):
-    recognizer = PlaceRecognizer(map_of(third_places, keyframes), OWN)
+    recognizer = PlaceRecognizer(map_of(third_places, SMALL, keyframes), OWN)
     known = drive(recognizer, range(30, 61))
     assert known[-1].candidates
     stamps_ns = [(31 + index) * STEP_NS for index in range(8)]

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drawn street, its map, a client on the ROS graph, and processes of ours."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from importlib.util import find_spec
 import os
@@ -13,16 +13,12 @@ import threading
 import time
 from typing import Any
 
-from convseq_ros.config import EVERY_FRAME
-from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.image_coding import thumbnail
-from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.types import Pose
 import numpy as np
 from pictures import walls
 import pytest
+from world import street_of
 
 if find_spec('rclpy') is None:
     collect_ignore_glob = ['test_*.py']
@@ -45,9 +41,7 @@ DISCOVERY = """
 """
 SECOND = 1_000_000_000
 # Quick, sure of single frames, in no hurry, and not to be changed with the defaults.
-SETTINGS = {
-    'matching': 'regional', 'search': 'exhaustive', 'max_wait_s': 0.0,
-}  # fmt: skip
+SETTINGS = {'matching': 'regional', 'search': 'exhaustive', 'max_wait_s': 0.0}
 
 
 def words_of(parameters: dict[str, Any]) -> list[str]:
@@ -90,12 +84,7 @@ def street() -> list[np.ndarray]:
 @pytest.fixture(scope='session')
 def street_map(street) -> ReferenceMap:
     """Return a map of the street: a place every second, one metre apart."""
-    reference_map = ReferenceMap(keyframes=EVERY_FRAME)
-    for index, gray in enumerate(street):
-        pose = Pose((float(index), 2.0, 0.5), (0.0, 0.0, 0.6, 0.8))
-        place = Place(index * SECOND + 1, 'street', pose)
-        reference_map.add(place, pack_cells(describe(gray).cells), thumbnail(gray, 64))
-    return reference_map
+    return street_of(street, SECOND)
 
 
 @pytest.fixture(scope='session')
@@ -261,14 +250,16 @@ def start(tmp_path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     """Return a starter of modules of `convseq_ros.node`; what still runs at the end is ended."""
     processes = []
 
-    def run(module: str, *args: str, **parameters: Any) -> subprocess.Popen[str]:
+    def run(
+        module: str, *args: str, environment: Mapping[str, str] = os.environ, **parameters: Any
+    ) -> subprocess.Popen[str]:
         if module == 'vpr_node':
             args = '--ros-args', *words_of(SETTINGS | parameters), *args
         processes.append(
             subprocess.Popen(
                 [sys.executable, '-m', f'convseq_ros.node.{module}', *map(str, args)],
                 cwd=tmp_path,
-                env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
+                env={**environment, 'PYTHONPATH': os.pathsep.join(sys.path)},
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 text=True,

@@ -13,13 +13,12 @@ from convseq_ros.cli import main
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.io.results import read_results
-from convseq_ros.simulation.drive import Drive, Shot
+from convseq_ros.simulation.drive import Shot
 from convseq_ros.simulation.recording import write_recording
-from convseq_ros.simulation.street import Street
 from convseq_ros.sources.storage import open_storage
 from convseq_ros.sources.topics import decode
 import cv2
-from drives import shots_of
+from drives import small_drive
 import numpy as np
 
 START_NS = 1_700_000_000_000_000_000
@@ -108,7 +107,7 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
 def mapped(tmp_path_factory):
     """Return a drive and its map, with poses."""
     folder = tmp_path_factory.mktemp('mapped')
-    shots = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))
+    shots = small_drive()
     write_recording(folder / 'drive', shots)
     assert main(['build-map', str(folder / 'drive'), str(folder / 'm.db'), '--odom', '/odom']) == 0
     return folder

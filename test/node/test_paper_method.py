@@ -8,14 +8,13 @@ from pathlib import Path
 from convseq_ros.cli.parameter_file import read_parameter_file
 from convseq_ros.config import make_config
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.place import pack_cells, Place
-from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.io.results import read_results
 import cv2
 import pytest
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32
+from world import map_of
 
 PAPERS = Path(__file__).resolve().parents[2] / 'config' / 'paper.yaml'
 STEP_NS, COUNT = 10**9, 40  # between queries, and the queries, of 111
@@ -32,9 +31,8 @@ def test_the_node_gives_the_answers_of_the_released_script(
     shared_data, client, vpr, image, tmp_path
 ):
     corridor, config = shared_data / 'corridor', make_config(read_parameter_file(PAPERS))
-    reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
-    for index, gray in enumerate(backwards(corridor / 'ref')):
-        reference_map.add(Place(index), pack_cells(describe(gray, config.encoding).cells))
+    shown = (describe(gray, config.encoding) for gray in backwards(corridor / 'ref'))
+    reference_map = map_of(shown, config.encoding, config.keyframes)
     save_map(reference_map, tmp_path / 'corridor.db')
     files = {'map_path': tmp_path / 'corridor.db', 'result_file': tmp_path / 'result.csv'}
     vpr('--params-file', str(PAPERS), **files)

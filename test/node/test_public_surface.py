@@ -16,7 +16,6 @@ import inspect
 import json
 import os
 from pathlib import Path
-import sys
 from typing import Any, get_args, get_type_hints
 from xml.etree import ElementTree
 
@@ -27,7 +26,6 @@ from convseq_ros.config import core_parameters
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import parameters
 from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, TABLES
-from programs import run
 import pytest
 
 KEPT = Path(__file__).resolve().parents[1] / 'golden' / 'public_surface.json'
@@ -225,27 +223,18 @@ def test_the_security_policy_allows_exactly_the_topics_and_services_in_use(clien
     assert not used(node.get_client_names_and_types_by_node)
 
 
-def test_invalid_security_files_end_the_start_with_an_error(tmp_path):
+def test_invalid_security_files_end_the_start_with_an_error(start, tmp_path):
     enclave = tmp_path / 'enclaves' / 'vpr_node'
     enclave.mkdir(parents=True)
     certificates = 'identity_ca.cert.pem cert.pem key.pem permissions_ca.cert.pem'
     for name in f'{certificates} governance.p7s permissions.p7s'.split():
         (enclave / name).touch()
     security = {'ENABLE': 'true', 'STRATEGY': 'Enforce', 'KEYSTORE': str(tmp_path)}
-    done = run(
-        sys.executable,
-        '-m',
-        'convseq_ros.node',
-        '--ros-args',
-        '--enclave',
-        '/vpr_node',
-        env=os.environ
-        | {'PYTHONPATH': os.pathsep.join(sys.path)}
-        | {f'ROS_SECURITY_{name}': value for name, value in security.items()},
-        timeout=180,
-    )
-    assert done.returncode == 1
+    environment = os.environ | {f'ROS_SECURITY_{name}': one for name, one in security.items()}
+    words = '--ros-args', '--enclave', '/vpr_node'
+    process = start('__main__', *words, environment=environment)
+    _, errors = process.communicate(timeout=180)
+    assert process.returncode == 1 and 'Traceback' not in errors
     # What rcl tells of its own accord is information.
-    lines = [line for line in done.stderr.splitlines() if '[INFO]' not in line]
+    lines = [line for line in errors.splitlines() if '[INFO]' not in line]
     assert '[ERROR]' in lines[-1]
-    assert 'Traceback' not in done.stderr

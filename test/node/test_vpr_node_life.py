@@ -11,6 +11,7 @@ import time
 from convseq_ros.io.results import read_results
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
+from programs import run
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image
@@ -58,24 +59,21 @@ sys.exit(vpr_node.main(sys.argv[1:]))
 def test_a_signal_in_the_middle_of_saving_waits_for_it(client, map_path, tmp_path):
     target = tmp_path / 'copy.db'
     settings = f'-p map_path:={map_path} -p save_map_path:={target}'.split()
-    process = subprocess.Popen(
-        [sys.executable, '-c', SLOW_TO_SAVE, '--ros-args', *settings],
+    with subprocess.Popen(
+        [sys.executable, '-c', SLOW_TO_SAVE, '--ros-args', *settings], text=True,
         env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        # Only what is saved holds up the end, not what is still warming up.
-        client.wait_for(lambda: client.node.count_subscribers('/image'))
-        client.service(Trigger, '/vpr_node/save_map').call_async(Trigger.Request())
-        assert process.stdout.readline() == 'saving\n'
-        process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=180)
-    finally:
-        process.kill()
-    assert process.returncode == 0, errors
-    assert 'Traceback' not in errors
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as process:  # fmt: skip
+        try:
+            # Only what is saved holds up the end, not what is still warming up.
+            client.wait_for(lambda: client.node.count_subscribers('/image'))
+            client.service(Trigger, '/vpr_node/save_map').call_async(Trigger.Request())
+            assert process.stdout.readline() == 'saving\n'
+            process.send_signal(signal.SIGINT)
+            output, errors = process.communicate(timeout=180)
+        finally:
+            process.kill()
+    assert process.returncode == 0 and 'Traceback' not in errors, errors
     assert target.exists() and output == 'tidying up\n'
 
 
@@ -198,8 +196,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 
 def test_the_memory_of_an_image_serves_the_next():
     """Three copies of an image of 640 x 480 are 675 pages, 30 times."""
-    done = subprocess.run([sys.executable, '-c', SCRIPT], capture_output=True, check=True)
-    assert int(done.stdout) < 675
+    assert int(run(sys.executable, '-c', SCRIPT).stdout) < 675
 
 
 @pytest.mark.parametrize(
@@ -209,21 +206,14 @@ def test_the_memory_of_an_image_serves_the_next():
         ({}, 'warning: HOME is not set; ROS logs to '),
     ],
 )
-def test_a_home_that_is_read_only_or_missing_stops_nothing(home, told, map_path, tmp_path):
+def test_a_home_that_is_read_only_or_missing_stops_nothing(start, home, told, map_path, tmp_path):
     left_out = 'ROS_LOG_DIR', 'ROS_HOME', 'HOME'
     given = {key: value for key, value in os.environ.items() if key not in left_out}
-    given |= {'TMPDIR': str(tmp_path), 'PYTHONPATH': os.pathsep.join(sys.path), **home}
-    module = 'convseq_ros.node.vpr_node'
-    process = subprocess.Popen(
-        [sys.executable, '-m', module, '--ros-args', '-p', f'map_path:={map_path}'],
-        env=given,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    with process:
-        line = process.stderr.readline()
-        assert line.startswith(told) and str(tmp_path) in line
-        while 'listening to' not in process.stderr.readline():
-            assert process.poll() is None
-        process.send_signal(signal.SIGINT)
-    assert process.returncode == 0
+    given |= {'TMPDIR': str(tmp_path), **home}
+    process = start('vpr_node', environment=given, map_path=map_path)
+    line = process.stderr.readline()
+    assert line.startswith(told) and str(tmp_path) in line
+    while 'listening to' not in process.stderr.readline():
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60) == 0
