@@ -171,10 +171,13 @@ def test_the_first_closure_is_counted_from_the_first_known_frame_of_a_half():
     assert first_closures(verdicts(known=np.zeros(5, bool)), [''] * 5) == {}
 
 
-def test_a_criterion_that_a_method_lacks_gives_no_curve():
+def test_without_answers_or_a_criterion_that_the_method_has_there_are_no_figures():
     found = figures(verdicts(), 'confidence')
     assert found['auc_pr'] is None and found['recall_at_100_precision'] is None
     assert len(verdicts().curve('confidence').recall) == 0
+    none = np.zeros(5, bool)
+    found = figures(verdicts(known=none, correct=none, slip=none), 'score')
+    assert {*found.values()} == {None}
 
 
 def outcome(matches, scores, right):
@@ -248,12 +251,6 @@ def test_intervals_take_a_frame_in_all_parts_of_the_map_at_once():
     )
 
 
-def test_without_answers_there_are_no_figures():
-    none = np.zeros(5, bool)
-    found = figures(verdicts(known=none, correct=none, slip=none), 'score')
-    assert set(found.values()) == {None}
-
-
 def test_figures_are_zero_where_no_answer_is_right_though_one_exists():
     none = np.zeros(5, bool)
     for nothing in (verdicts(correct=none), verdicts(correct=none, matched=none)):
@@ -279,17 +276,13 @@ def test_the_threshold_accepts_the_answers_that_beat_all_wrong_ones():
 
 
 @pytest.mark.parametrize(
-    ('changes', 'threshold', 'recall'),
+    ('changes', 'recall'),
     [
-        (
-            {'values': dict.fromkeys(('score', 'margin', 'confidence'), np.full(5, np.nan))},
-            None,
-            None,
-        ),
-        ({'correct': np.array([0, 1, 1, 1, 1], bool)}, None, 1),  # every answer is accepted
+        ({'values': dict.fromkeys(('score', 'margin', 'confidence'), np.full(5, np.nan))}, None),
+        ({'correct': np.array([0, 1, 1, 1, 1], bool)}, 1),  # every answer is accepted
     ],
 )
-def test_without_values_or_wrong_answers_there_is_no_threshold(changes, threshold, recall):
+def test_without_values_or_wrong_answers_there_is_no_threshold(changes, recall):
     found = threshold_figures(verdicts(**changes), [''] * 5)
-    assert len(found) == 4 and found['own_threshold'] is threshold
+    assert len(found) == 4 and found['own_threshold'] is None
     assert found['own_threshold_recall'] == recall

@@ -128,14 +128,12 @@ def test_depth_and_label_images_beside_others_are_left_out(tmp_path, color, dept
     assert [frame.gray[0, 0] for frame in source] == [100, 101]
     (line,) = source.warnings
     assert f'2 of 4 pictures, such as {depth.format(0)}, are left out: they show depth' in line
-    assert describe_recording(tmp_path) == {
-        'recording': str(tmp_path), 'images': 2, 'warnings': [line]
-    }  # fmt: skip
-
-
-def test_a_folder_of_nothing_but_depth_is_read(tmp_path):
-    draw(tmp_path / 'depth_1.png')
-    assert len(open_source(tmp_path)) == 1 and not open_source(tmp_path).warnings
+    facts = {'recording': str(tmp_path), 'images': 2, 'warnings': [line]}
+    assert describe_recording(tmp_path) == facts
+    # A folder of nothing but depth is read.
+    for number in range(2):
+        (tmp_path / color.format(number)).unlink()
+    assert len(open_source(tmp_path)) == 2 and not open_source(tmp_path).warnings
 
 
 def test_poses_of_other_times_than_the_pictures_are_refused(tmp_path):
@@ -167,8 +165,7 @@ def test_other_files_hidden_files_and_folders_are_left_out(tmp_path):
     (tmp_path / '._a.png').write_bytes(b'resource fork')
     (tmp_path / 'b.png').mkdir()
     folder = ImageFolder(tmp_path)
-    assert len(folder) == 1
-    assert [frame.source for frame in folder] == ['a.png']
+    assert len(folder) == 1 and [frame.source for frame in folder] == ['a.png']
 
 
 @pytest.mark.parametrize('content', [b'', b'not a picture', b'\xff\xd8\xff\xe0 cut'])
@@ -185,7 +182,7 @@ def test_an_unreadable_picture_becomes_a_frame_with_its_problem(tmp_path, conten
     assert first.gray is not None is not last.gray and not first.problem
 
 
-def test_missing_empty_and_pictureless_folders_are_errors(tmp_path):
+def test_missing_empty_and_pictureless_folders_and_topics_of_one_are_errors(tmp_path):
     with pytest.raises(SourceError, match='No such file'):
         ImageFolder(tmp_path / 'missing')
     with pytest.raises(SourceError, match='no pictures'):
@@ -194,9 +191,6 @@ def test_missing_empty_and_pictureless_folders_are_errors(tmp_path):
     with pytest.raises(SourceError, match=r'no pictures.*jpg.*\.mcap') as caught:
         open_source(tmp_path)
     assert '\n' not in str(caught.value)
-
-
-def test_a_topic_of_a_folder_is_an_error(tmp_path):
     draw(tmp_path / 'a.png')
     with pytest.raises(SourceError, match='/camera'):
         open_source(tmp_path, '/camera')

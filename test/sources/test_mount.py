@@ -135,16 +135,12 @@ def test_the_last_transform_of_a_frame_counts_and_transforms_are_chained():
     assert as_parameter(mount_of(lens)) == '3 0 2 0 0 0'
 
 
-def test_transforms_are_chained_through_a_common_parent_and_a_circle_gives_none():
-    branches = tf(
-        transform('body', 'base', (1.0, 0.0, 0.0)), transform('body', 'lens', (3.0, 0.0, 0.0))
-    )
+def test_transforms_are_chained_through_a_common_parent_and_a_circle_or_nan_gives_none():
+    ahead = transform('body', 'base', (1.0, 0.0, 0.0))
+    branches = tf(ahead, transform('body', 'lens', (3.0, 0.0, 0.0)))
     assert StaticTransforms([branches]).pose_in('base', 'lens').position == (2.0, 0.0, 0.0)
     circle = tf(transform('a', 'b'), transform('b', 'a'))
     assert StaticTransforms([circle]).pose_in('base', 'a') is None
-
-
-def test_a_transform_that_is_not_finite_is_left_out():
     broken = tf(transform('base', 'lens', (math.nan, 0.0, 0.0)))
     assert StaticTransforms([broken]).pose_in('base', 'lens') is None
 
