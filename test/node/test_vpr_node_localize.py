@@ -93,7 +93,7 @@ def pose_of_others(x, frame_id='map', sigma_m=1.0):
 def test_others_say_where_to_look_first_and_what_the_node_sends_itself_is_passed_over(
     client, vpr, map_path, show
 ):
-    node = vpr(map_path=map_path, publish_initial_pose='true', **BELIEF)
+    node = vpr(map_path=map_path, publish_initial_pose='true', matching='coherent')
     sent = client.listen(PoseWithCovarianceStamped, '/initialpose', LATCHED)
     others = client.camera(PoseWithCovarianceStamped, '/initialpose')
     expect = Mock(wraps=node._recognition.pipeline.cameras.expect)
