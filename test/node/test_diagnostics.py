@@ -62,7 +62,7 @@ def test_what_is_missing_is_a_warning_with_the_remedy_that_is_logged_once(
     assert status.level == DiagnosticStatus.WARN and status.message.startswith(first)
     heard = client.listen(DiagnosticArray, '/diagnostics')
     client.wait_for(lambda: len(heard) >= 5 and first in heard[-1].status[0].message)
-    assert capfd.readouterr().err.count(first) == 1
+    assert capfd.readouterr().err.count(told) == 1
 
 
 def test_without_a_map_or_its_file_there_is_an_error(client, vpr, tmp_path):
