@@ -51,10 +51,10 @@ def one_line(error: BaseException, limit: int = 200) -> str:
 
 def printable(text: str) -> str:
     """Return a text of unknown origin in printable characters; bytes of others in hexadecimal."""
-    return ''.join(letter if letter.isprintable() else escaped(letter) for letter in text)
+    return ''.join(letter if letter.isprintable() else _escaped(letter) for letter in text)
 
 
-def escaped(letter: str) -> str:
+def _escaped(letter: str) -> str:
     """Return a character's bytes; one that is not UTF-8 in a file's name is a surrogate here."""
     is_of_name = 0xDC80 <= ord(letter) <= 0xDCFF
     encoded = letter.encode('utf-8', 'surrogateescape' if is_of_name else 'surrogatepass')

@@ -2,27 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Standard output and error, which may be closed, full, or of a poor encoding."""
 
-import codecs
 from contextlib import suppress
 import os
 import sys
-from typing import Any, TextIO
-
-from convseq_ros.errors import escaped
+from typing import TextIO
 
 OUTPUT = 'standard output'
 _MODES = {'stdin': 'r', 'stdout': 'w', 'stderr': 'w'}
 
 
 def prepare() -> None:
-    """Open streams that are closed, and print what an encoding lacks in hexadecimal."""
-    codecs.register_error('convseq', _in_hexadecimal)
+    """Open streams that are closed, and print what an encoding lacks by its number."""
     for name, mode in _MODES.items():
         if getattr(sys, name) is None:  # a file that is opened later would take its place
             handle = os.open(os.devnull, os.O_RDWR)
             setattr(sys, name, open(handle, mode, encoding='utf-8', closefd=False))
         if mode == 'w':
-            getattr(sys, name).reconfigure(errors='convseq')
+            getattr(sys, name).reconfigure(errors='backslashreplace')
 
 
 def finish(code: int) -> int:
@@ -47,7 +43,3 @@ def discard(stream: TextIO | None = None) -> None:
     """Write nothing more to a stream, standard output unless another is given."""
     with suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), (stream or sys.stdout).fileno())
-
-
-def _in_hexadecimal(error: Any) -> tuple[str, int]:
-    return ''.join(map(escaped, error.object[error.start : error.end])), error.end

@@ -6,10 +6,9 @@ import argparse
 from collections.abc import Iterable
 import os
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 from urllib.parse import unquote
 
-from convseq_ros.config.retired import retired
 from convseq_ros.errors import ConfigError, printable
 
 
@@ -19,14 +18,6 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **more: Any) -> None:
         super().__init__(allow_abbrev=False, **more)
         self.register('type', Path, lambda text: Path(local(text)))
-
-    def error(self, message: str) -> NoReturn:
-        """End with a line about a parameter that is gone, if one is named, else with the usage."""
-        for word in message.split():
-            name = word.removeprefix('--').partition('=')[0].replace('-', '_')
-            if gone := retired(name):
-                self.exit(2, f'{self.prog}: {gone}\n')
-        super().error(message)
 
 
 def refuse_foreign(words: Iterable[str]) -> None:

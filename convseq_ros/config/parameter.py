@@ -12,7 +12,6 @@ from numbers import Integral, Real
 from typing import Any
 
 from convseq_ros.config.arguments import local
-from convseq_ros.config.retired import retired
 from convseq_ros.errors import ConfigError
 
 Value = bool | int | float | str
@@ -139,8 +138,6 @@ def refuse_unknown(
     """Raise a ConfigError that names the first unknown parameter and the most similar one."""
     allowed = list(allowed)
     for name in names:
-        if gone := retired(name):
-            raise ConfigError(gone)
         if name not in allowed:
             near = difflib.get_close_matches(str(name), allowed, n=1)  # YAML allows 5 as a name
             advice = f'did you mean {near[0]}?' if near else f'known: {", ".join(allowed)}'

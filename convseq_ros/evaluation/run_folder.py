@@ -7,7 +7,6 @@ Writes and reads the folder of `convseq evaluate --output DIR`.
 
     DIR/report.html               tables, figures and pairs of pictures
     DIR/summary.csv               one row per set and method
-    DIR/summary.tex               the printed table, for LaTeX
     DIR/<set>/<method>/frames.csv the result table's columns and those of `EXTRA_COLUMNS`
     DIR/<set>/<method>/summary.json
     DIR/<set>/<method>/scores.npy float32 (Q, R), pair scores, higher is more similar, NaN where a
@@ -28,7 +27,6 @@ from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.libraries import load
 from convseq_ros.evaluation.protocols import OPEN, Outcome, VERSION
 from convseq_ros.evaluation.scorecard import margin, Summary, Verdicts
-from convseq_ros.evaluation.table import latex_of
 from convseq_ros.io.files import read_text
 from convseq_ros.io.regular_file import complete_or_absent
 import numpy as np
@@ -54,13 +52,12 @@ def write_run(folder: Path, outcome: Outcome, verdicts: Verdicts, summary: Summa
 
 
 def write_summary_table(folder: Path, summaries: Sequence[Summary]) -> None:
-    """Write summary.csv, every figure that is a single number or text, and summary.tex."""
+    """Write summary.csv, every figure that is a single number or text."""
     plain = (
         {name: one for name, one in summary.items() if not isinstance(one, Mapping | list)}
         for summary in summaries
     )
     write_text(folder / 'summary.csv', load('pandas').DataFrame(plain).to_csv(index=False))
-    write_text(folder / 'summary.tex', latex_of(summaries))
 
 
 def write_text(path: Path, text: str) -> None:

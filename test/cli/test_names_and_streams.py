@@ -15,7 +15,6 @@ from convseq_ros.cli import main
 from convseq_ros.config.arguments import Parser
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
-from convseq_ros.config.retired import retired
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.errors import printable
 from convseq_ros.io.regular_file import complete_or_absent
@@ -113,23 +112,6 @@ def test_options_have_no_abbreviations():
     assert parser.parse_args(['verb', '--output', 'x']).output == 'x'
 
 
-@pytest.mark.parametrize(
-    'words',
-    [
-        ['build-map', 'drive', 'map.db', '--exclusion-s', '30'],
-        ['replay', 'drive', '--map', 'map.db', '--exclusion-s=30'],
-        ['fleet', 'drives', '-o', 'maps', '--exclusion-s', '30'],
-        ['demo', '--exclusion-s', '30'],
-    ],
-)
-def test_an_option_of_a_parameter_that_is_gone_is_refused_in_one_line(words, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(words)
-    told = capsys.readouterr().err
-    assert ended.value.code == 2
-    assert told == f'convseq {words[0]}: {retired("exclusion_s")}\n'
-
-
 def test_no_program_of_the_repository_has_a_parser_that_takes_abbreviations():
     files = [one for room in PROGRAMS for one in (REPOSITORY / room).rglob('*.py')]
     calls = [call for one in files for call in PARSER.findall(one.read_text(encoding='utf-8'))]
@@ -164,12 +146,12 @@ def test_a_full_or_closed_output_gives_at_most_one_line(end, code, told, unbuffe
     assert (done.returncode, done.stderr) == (code, told)
 
 
-def test_an_output_of_ascii_gets_bytes_in_hexadecimal(drive, tmp_path):
+def test_an_output_of_ascii_gets_numbers_of_letters(drive, tmp_path):
     folder = tmp_path / '東京'
     folder.symlink_to(drive)
     done = bash(f'PYTHONIOENCODING=ascii {shlex.join([*CONVSEQ, "info", str(folder)])}')
     assert (done.returncode, done.stderr) == (0, '')
-    assert done.stdout.startswith(f'{tmp_path}/\\xe6\\x9d\\xb1\\xe4\\xba\\xac: 3 images\n')
+    assert done.stdout.startswith(f'{tmp_path}/\\u6771\\u4eac: 3 images\n')
 
 
 @pytest.mark.parametrize('name', ['', 'part'])

@@ -173,7 +173,6 @@ def test_the_score_matrices_of_a_set_are_shown_single_frame_and_in_sequence(
         (('hog file=file.npy',), "unknown option 'file'"),
         (('scores',), 'method scores: add file=FILE'),
         (('convseq max_lenth=3',), "unknown option 'max_lenth'; did you mean max_length?"),
-        (('convseq exclusion_s=3',), "^parameter 'exclusion_s' is gone: "),
         (('convseq fixed_length=many',), 'fixed_length: expected int'),
         (('convseq mode=online',), "unknown option 'mode'"),
         (('convseq keypoints=0',), 'keypoints changes nothing, for every image of street is a pl'),

@@ -81,6 +81,3 @@ def test_a_launch_file_that_includes_ours_has_its_own_arguments(
     write(queue_siz='9')
     assert launched(own, speed='3') == ([], {})
     assert "no such argument 'queue_siz'; did you mean queue_size?" in caplog.text
-    write(exclusion_s='30')
-    assert launched(own, speed='3') == ([], {})
-    assert "parameter 'exclusion_s' is gone" in caplog.text
