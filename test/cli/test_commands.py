@@ -153,6 +153,16 @@ def test_without_a_command_all_of_them_are_listed(capsys):
     assert main([]) == 2
     told = capsys.readouterr().err
     assert all(f'\n  {command} ' in told for command in COMMANDS)
+    assert main(['config']) == 0 and 'ros__parameters' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('words', 'code'), [('--version', 0), ('replay --no-such-option', 2), ('no-such-command', 2)]
+)
+def test_wrong_usage_has_an_exit_code_of_its_own(words, code, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(words.split())
+    assert ended.value.code == code and 'Traceback' not in capsys.readouterr().err
 
 
 def test_an_unreadable_picture_is_reported_and_counted(capsys, tmp_path):
