@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Editing map files: each edit but a rename writes a new file, and puts it in place of the old."""
 
-from collections.abc import Collection, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Collection
+from contextlib import closing
 from pathlib import Path
 
 from convseq_ros.core.map.crash_recovery import open_to_write
-from convseq_ros.core.map.database import as_map_error, Database
+from convseq_ros.core.map.database import as_map_error
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.pruning import Pruning
@@ -43,8 +43,8 @@ def prune_looks(path: Path, max_looks: int) -> int:
 
 def rename_session(named: SessionSlice) -> None:
     """Write the name of a slice's session to its file; MapError if another program adds to it."""
-    row = named.number, *named.session.row
-    with _changed(named.path) as database:
+    row, path = (named.number, *named.session.row), named.path
+    with MapLock(path), as_map_error(path), closing(open_to_write(path)) as database:
         database.rows(
             'UPDATE sessions SET name = ?, crc32 = ? WHERE session = ? AND id = ?',
             (named.session.name, row_crc(row), named.number, named.session.id),
@@ -84,11 +84,3 @@ def forget_links(opened: ReferenceMap) -> None:
     links = opened.take_links()
     for place in filter(links.is_unlinked, range(len(opened))):
         opened.links.add_unlinked(place)
-
-
-@contextmanager
-def _changed(path: Path) -> Iterator[Database]:
-    """Yield a map's file, opened to be changed in one transaction."""
-    with MapLock(path), as_map_error(path), closing(open_to_write(path)) as database:
-        with database.transaction('IMMEDIATE'):
-            yield database
