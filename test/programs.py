@@ -3,6 +3,8 @@
 """Programs that tests run to their end, and what they wait for."""
 
 from collections.abc import Callable
+import os
+from pathlib import Path
 import subprocess
 import time
 from typing import Any
@@ -20,3 +22,9 @@ def wait_for(condition: Callable[[], object], patience_s: float = 180.0) -> None
     while not condition():
         assert time.monotonic() < until_s, 'waited in vain'
         time.sleep(0.002)
+
+
+def open_files(path: Path) -> int:
+    """Return how many descriptors this process has of files whose names begin with a path."""
+    links = [os.path.realpath(f'/proc/self/fd/{name}') for name in os.listdir('/proc/self/fd')]
+    return sum(link.startswith(str(path)) for link in links)

@@ -15,7 +15,7 @@ from convseq_ros.core.map.database import Database
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.errors import MapError
-from programs import wait_for
+from programs import open_files, wait_for
 import pytest
 
 from bench.torture.maps import APART, cells, drawn, ENCODING, grow, holds
@@ -148,14 +148,14 @@ def test_a_full_disk_is_reported_once_and_places_are_written_when_space_returns(
 
 
 def test_a_second_writer_is_refused_at_the_start_and_the_first_loses_nothing(path):
-    count = len(os.listdir('/proc/self/fd'))
     save_map(drawn(3), path)
-    assert len(os.listdir('/proc/self/fd')) == count
-    first, count = own(path), len(os.listdir('/proc/self/fd'))
+    assert not open_files(path)
+    first, count = own(path), open_files(path)
+    assert count
     for another in (lambda: own(path), lambda: save_map(drawn(1), path)):
         with pytest.raises(MapError, match=r'map.db: another program adds to this map; end it'):
             another()
-    assert len(os.listdir('/proc/self/fd')) == count
+    assert open_files(path) == count
     assert holds(path) == 3
     grow(first.reference_map, 1)
     first.close()

@@ -4,7 +4,6 @@
 
 from contextlib import closing
 import json
-import os
 import sqlite3
 
 from convseq_ros.config import KeyframeConfig
@@ -18,6 +17,7 @@ from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import MapError
 import numpy as np
+from programs import open_files
 import pytest
 
 from bench.torture.maps import APART, ENCODING
@@ -175,11 +175,11 @@ def test_what_is_no_map_is_refused_with_the_remedy_and_stays(tmp_path, name):
             database.execute(content)
     elif content is not None:
         path.write_bytes(content)
-    before, opened = path.is_file() and path.read_bytes(), len(os.listdir('/proc/self/fd'))
+    before = path.is_file() and path.read_bytes()
     for _ in range(3):
         with pytest.raises(MapError, match=told):
             open_map(path)
-    assert len(os.listdir('/proc/self/fd')) == opened
+    assert not open_files(path)
     assert before == (path.is_file() and path.read_bytes())
 
 
