@@ -60,9 +60,16 @@ def test_what_is_missing_is_a_warning_with_the_remedy_that_is_logged_once(
     vpr('-r', f'image:={topic}', map_path=map_path, **PERIOD)
     status = status_with(client, told)
     assert status.level == DiagnosticStatus.WARN and status.message.startswith(first)
+    log = []
+
+    def logged():
+        log.append(capfd.readouterr().err)
+        return ''.join(log).count(first)
+
+    client.wait_for(logged)  # once, whatever it says was missing at first
     heard = client.listen(DiagnosticArray, '/diagnostics')
     client.wait_for(lambda: len(heard) >= 5 and first in heard[-1].status[0].message)
-    assert capfd.readouterr().err.count(told) == 1
+    assert logged() == 1
 
 
 def test_without_a_map_or_its_file_there_is_an_error(client, vpr, tmp_path):
