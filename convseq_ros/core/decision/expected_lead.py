@@ -24,7 +24,7 @@ class KEYPOINTS:
     The lead of a place's keypoints: of twice the root of the blocks that agree.
 
     `expected`, `by_day`, `sigma`, `floor` and `surprising` were chosen by hand, from the means and
-    spreads of leads that scripts/fit_observation.py prints. The others were chosen by the mean log
+    spreads of leads that scripts/fit_observation.py prints. The rest were chosen by the mean log
     probability that the belief gives to the truth, and by false matches (docs/NOTES.md).
     """
 
