@@ -52,6 +52,7 @@ RECORDS = {
     'MOTION': motion.MOTION, 'LIGHT': light.LIGHT, 'BUDGET': budget.BUDGET,
 }  # fmt: skip
 FLOOR = 0.001  # of a probability: an answer cannot be more wrong than this
+ELSEWHERE = 0.5  # overlap of the views below which a scene is seen from elsewhere
 COST = 10  # missed matches that a false one costs
 FACTORS = 0.5, 0.7, 0.85, 1.2, 1.4, 2.0  # of a curve
 Changes = dict[str, Any]
@@ -198,6 +199,10 @@ def replay(one: Encoded) -> Counts:
             away = off[match.accepted.reference_index]
             counts['right'] += bool(away <= drive.right)
             counts['false'] += bool(away > drive.wrong)
+            counts['off'] += bool(away > drive.right)
+            if match.overlap is not None and match.overlap < ELSEWHERE:
+                counts['right elsewhere'] += bool(away <= drive.right)
+                counts['off elsewhere'] += bool(away > drive.right)
             if match.confidence is not None and match.confidence >= 0.99:
                 counts['sure'] += 1
                 counts['sure false'] += bool(away > drive.wrong)
@@ -321,7 +326,11 @@ def details(found: Mapping[str, tuple[str, Counts]]) -> None:
         row(place, f'{score:.3f}')
     of_all = [counts for place, counts in found.values() if place]
     sure, false = (sum(one[kind] for one in of_all) for kind in ('sure', 'sure false'))
-    print(f'\nOf {sure} matches with a confidence of .99 or more, {false} are false.\n')
+    print(f'\nOf {sure} matches with a confidence of .99 or more, {false} are false.')
+    for kind, told in (('right', 'right matches'), ('off', 'others')):
+        seen = [sum(counts[name] for counts in of_all) for name in (kind, f'{kind} elsewhere')]
+        print(f'Of {seen[0]} {told}, {seen[1]} have an overlap below {ELSEWHERE}.')
+    print()
 
 
 def curve(drives: Drives, name: str, shipped: Mapping[str, float]) -> None:

@@ -28,7 +28,7 @@ BEST = Candidate(4, 4000, 0.91234567, (0.5, -2.0), 231)
 ACCEPTED = Match(
     3, 3000, Reason.ACCEPTED, (BEST,), 7, 100, 0.8, (7.5, -40.0), 0.08,
     SURE, localization=Localization(LocalizationState.LOCALISED, 0.8, 4), camera='/rear/image',
-    anchor=Anchor('monday', 1000),
+    anchor=Anchor('monday', 1000), overlap=0.75,
 )  # fmt: skip
 REJECTED = Match(4, 3100, Reason.AMBIGUOUS, (BEST,), 7, 100)
 SKIPPED = Match(5, 3200, Reason.UNINFORMATIVE)
@@ -43,7 +43,7 @@ def test_a_result_table_is_read_as_it_was_written(tmp_path):
     assert ','.join(accepted.values()) == (
         '3,3000,accepted,accepted,4,4000,0.9123457,0.8000,7,4,0.9123457,0.5,-2.0,100,1.500,7.5,'
         '-40.0,0.08000,231,localised,0.8000,1.0000,-0.2500,0.0000,0.000000,0.000000,0.000000,'
-        '1.000000,0.2000,0.02000,,0,/rear/image,monday,1000,'
+        '1.000000,0.2000,0.02000,,0,/rear/image,monday,1000,,0.750'
     )
     empty = 'reference_index', 'score', 'confidence', 'relative_yaw_rad'
     assert rejected['best_index'] == '4' and not any(rejected[name] for name in empty)

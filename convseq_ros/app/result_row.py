@@ -43,6 +43,7 @@ def row(match: Match, duration_ms: float, image: str = '') -> dict[str, object]:
         'anchor_session': match.anchor.session_id if match.anchor else None,
         'anchor_stamp_ns': match.anchor.stamp_ns if match.anchor else None,
         'image': image or None,
+        'overlap': _decimals(match.overlap, 3),
     }
 
 

@@ -212,7 +212,8 @@ class PlaceRecognizer:
         pose, places = self._poses.measure(features, frame, best), self.reference_map.places
         place = places[self.reference_map.links.anchor(best.reference_index)]
         anchor = Anchor(self.reference_map.sessions[place.session].id, place.stamp_ns)
-        return replace(match, relative_pose=pose, anchor=anchor)
+        shared = self.matcher.overlap(features, best.reference_index)
+        return replace(match, relative_pose=pose, anchor=anchor, overlap=shared)
 
     def _repeated(self, reason: Reason) -> Answer:
         """Return the last keyframe's answer, not as a match: this frame is not a keyframe."""

@@ -312,6 +312,9 @@ class Match:
     implausible_m: float | None = None
     localization: Localization | None = None  # after this frame; None if it was not computed
     camera: str = ''  # source of the frame, if the robot has several cameras
+    # Share of the views of query and accepted reference that is common, in [0, 1]: near 1 from the
+    # same viewpoint, below 0.5 the scene was seen from elsewhere; None if unknown.
+    overlap: float | None = None
 
     @property
     def status(self) -> Status:

@@ -7,7 +7,13 @@ from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.geometry import numpy_kernels
 from convseq_ros.core.geometry.displacement import packed_regions
 from convseq_ros.core.geometry.structure import Structure
-from convseq_ros.core.geometry.verification import MOTION_FIT, NOTHING, Verification
+from convseq_ros.core.geometry.verification import (
+    motion,
+    MOTION_FIT,
+    NOTHING,
+    overlap,
+    Verification,
+)
 from convseq_ros.core.geometry.verification import verify as verify_all
 from convseq_ros.core.rigid import turned_by
 import cv2
@@ -82,6 +88,25 @@ def test_regions_are_rounded_to_int8_and_invalid_values_become_zero(kernel):
     regions[5, 3], regions[6, 4], regions[7, 2] = 0, 0, 127 / 160
     assert np.abs(numbers / 160 - regions).max() <= 0.5001 / 160
     assert not rows[:, :, SIDE:].any()
+
+
+@pytest.mark.parametrize(
+    ('seen', 'shift', 'common'),
+    [
+        ({}, (0, 0), 1.0),
+        ({'column': 21.0}, (0, -6), 24 / 36),  # 6 of 30 columns left the view
+        ({'row': 12.0}, (3, 0), 27 / 33),
+        ({'zoom': 0.8}, (0, 0), 0.64),  # from nearer: a part of the view
+        ({'zoom': 1.25}, (0, 0), 0.64),
+    ],
+)
+def test_views_overlap_by_what_both_show(seen, shift, common):
+    query, reference = view(scene(3)), view(scene(3), **seen)
+    assert overlap(motion(query, reference, shift), SIDE) == pytest.approx(common, abs=0.03)
+
+
+def test_views_that_have_nothing_in_common_do_not_overlap():
+    assert overlap(np.array([[0.0, 0, 0], [SIDE + 1, 0, 0]]), SIDE) == 0
 
 
 @each

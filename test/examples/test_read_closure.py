@@ -40,7 +40,7 @@ def closure(reference_map, relative_pose=MEASURED, session_start=3):
     best = Candidate(2, REFERENCE_NS, 0.8, inliers=88)
     match = Match(
         41, QUERY_NS, Reason.ACCEPTED, (best,), 5, 9, 0.75,
-        relative_pose=relative_pose,
+        relative_pose=relative_pose, overlap=0.625 if relative_pose else None,
     )  # fmt: skip
     return closure_message(match, reference_map, 'base_link', session_start)
 
@@ -57,7 +57,7 @@ def test_python_reads_all_of_it_exactly(reference_map):
     assert (read['qx'], read['qy'], read['qz'], read['qw']) == TURN
     assert (read['direction'] == MEASURED.direction).all()
     assert (read['covariance'].reshape(6, 6) == COVARIANCE).all()
-    assert read['confidence'] == 0.75 and read['layout'] == LAYOUT
+    assert (read['confidence'], read['overlap'], read['layout']) == (0.75, 0.625, LAYOUT)
     assert UUID(bytes=read['map_id'].tobytes()) == UUID(reference_map.map_id)
     session = UUID(reference_map.sessions[0].id)
     assert UUID(bytes=read['reference_session'].tobytes()) == session
@@ -71,6 +71,7 @@ def test_values_that_are_not_measured_are_not_numbers(reference_map):
     read = read_closure(closure(reference_map, None))
     assert np.isnan([read[name] for name in ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')]).all()
     assert np.isnan(read['direction']).all() and read['inliers'] == 88
+    assert math.isnan(read['overlap'])
     assert (read['covariance'].reshape(6, 6) == np.eye(6) * UNKNOWN_M2).all()
     turned = RelativePose(TURN, None, (1.0, 0.0, 0.0), COVARIANCE, 40)
     read = read_closure(closure(reference_map, turned))

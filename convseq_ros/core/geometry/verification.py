@@ -16,6 +16,7 @@ from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.geometry.displacement import PackedRegions
 from convseq_ros.core.types import constants, Doubles, Shift
+import cv2
 import numpy as np
 
 # An affine motion (2, 3): rows and columns moved, in cells, as a function of (1, row, column),
@@ -84,6 +85,19 @@ def motion(query: PackedRegions, reference: PackedRegions, shift: Shift) -> Doub
     """
     kernels, start = kernels_of(__package__), _start(shift)
     return kernels.fit_motion(kernels.displacements(query, reference, start), query.side, start)[0]
+
+
+def overlap(moved: Doubles, side: int) -> float:
+    """
+    Return how much of two images' views is common: the intersection over the union, in [0, 1].
+
+    `moved` is a `motion` (2, 3) of images whose `side` is in regions.
+    """
+    corners = np.array([(-0.5, -0.5), (-0.5, 0.5), (0.5, 0.5), (0.5, -0.5)])
+    there = corners + (moved[:, 0] + corners @ moved[:, 1:].T) / side
+    one, other = corners.astype(np.float32), there.astype(np.float32)
+    common, _ = cv2.intersectConvexConvex(one, other)
+    return float(common / (1 + cv2.contourArea(other) - common))
 
 
 def _start(shift: Shift) -> tuple[int, int]:

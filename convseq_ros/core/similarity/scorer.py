@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from convseq_ros.core.geometry.displacement import PackedRegions
-from convseq_ros.core.geometry.verification import Verification
+from convseq_ros.core.geometry.verification import overlap, Verification
 from convseq_ros.core.types import Descriptor, Indices, Row, Shift
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +65,11 @@ class Scorer:
     def motion(self, _query: Features, _index: int) -> npt.NDArray[np.float64] | None:
         """Return the motion (2, 3) from a query to a reference; None without regions."""
         return None
+
+    def overlap(self, query: Features, index: int) -> float | None:
+        """Return the share of the views of a query and a reference that is common, in [0, 1]."""
+        moved = self.motion(query, index)
+        return None if moved is None or not query.packed else overlap(moved, query.packed.side)
 
     def verified(self, _query: Features, _indices: Sequence[int]) -> dict[int, Verification]:
         """Return the verification of a query with references, by index; empty without regions."""

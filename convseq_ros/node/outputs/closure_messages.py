@@ -43,6 +43,7 @@ CLOSURE = np.dtype(
         ('map_id', '<u1', 16),  # the bytes of UUIDs
         ('reference_session', '<u1', 16),
         ('query_session', '<u1', 16),  # zero if this drive is not in the map
+        ('overlap', '<f8'),  # share of both views that is common, in [0, 1]; NaN if unknown
     ]
 )
 """The one row of `~/closure`."""
@@ -67,6 +68,7 @@ def closure_message(
     row['query_id'] = match.query_index % 2**32
     row['reference_id'] = accepted.reference_index
     row['confidence'] = math.nan if match.confidence is None else match.confidence
+    row['overlap'] = math.nan if match.overlap is None else match.overlap
     measured = match.relative_pose
     row['inliers'] = measured.inliers if measured else accepted.inliers or 0
     row['session'] = accepted.session
