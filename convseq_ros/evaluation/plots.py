@@ -141,7 +141,8 @@ def demo_picture(
             rgb = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
             axes.imshow(rgb, interpolation='antialiased')
             axes.set(xticks=[], yticks=[])
-            axes.spines[:].set(color=VERDICT_COLORS['right' if right else 'wrong'], linewidth=3)
+            axes.spines[:].set_color(VERDICT_COLORS['right' if right else 'wrong'])
+            axes.spines[:].set_linewidth(3)
             axes.set_xlabel(caption, color=_DIM, fontsize=12, loc='left', labelpad=5)
     axes = figure.add_axes((left, 0.1, 0.97 - left, 0.77), facecolor=EDGE)
     show_scores(axes, scores)
@@ -154,7 +155,7 @@ def demo_picture(
     axes.set_xlabel('reference', color=_PALE, fontsize=14)
     axes.set_ylabel('query', color=_PALE, fontsize=14)
     axes.tick_params(colors=_DIM, labelsize=11)
-    axes.spines[:].set(color=_DIM, linewidth=0.8)
+    axes.spines[:].set_color(_DIM)
     place = {'loc': 'lower left', 'bbox_to_anchor': (0, 1.005), 'ncols': 4, 'borderaxespad': 0}
     axes.legend(frameon=False, fontsize=12, labelcolor=_PALE, markerscale=1.6, **place)
     save(figure, path)

@@ -157,6 +157,7 @@ def test_what_cannot_be_done_is_refused_in_one_line_and_changes_nothing(
 
 
 def test_the_target_of_a_symbolic_link_is_replaced_and_the_link_stays(here):
+    pytest.importorskip('jinja2')
     (here / 'far').mkdir()
     for name in ('r.csv', 'page.html'):
         (here / name).symlink_to(f'far/{name}')
@@ -176,6 +177,7 @@ def test_a_recording_of_an_earlier_replay_is_replaced(tmp_path):
 
 
 def test_what_the_program_wrote_is_replaced_and_an_empty_file(here, capsys):
+    pytest.importorskip('jinja2')
     pytest.importorskip('matplotlib')
     poses = ''.join(f'{stamp / 10} {stamp} 0 0 0 0 0 1\n' for stamp in range(1, 4))
     (here / 'poses.txt').write_text(poses)

@@ -41,7 +41,10 @@ def test_all_waiting_localize_calls_are_answered_by_the_localising_frame(
     client, vpr, map_path, show, ask
 ):
     vpr(map_path=map_path, fixed_length=1, localize_timeout_s=60.0)
+    states = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
     show(3)
+    # A call that came between the answer to a frame and its state would have that frame's place.
+    client.wait_for(lambda: states[-1].message == 'localised')
     futures = ask(2)
     show(4)
     first, second = answers(client, futures)
