@@ -240,6 +240,19 @@ def test_the_robot_block_of_the_readme_works(workspace):
     assert node.returncode == 0
 
 
+def test_ros_plugins_of_pytest_leave_our_tests_alone(tmp_path):
+    for name in ('launch_ros', 'launch_testing'):
+        (tmp_path / f'{name}.py').write_text('raise SystemExit("loaded")')
+        about = tmp_path / f'{name}-1.dist-info'
+        about.mkdir()
+        (about / 'METADATA').write_text(f'Name: {name}\nVersion: 1\n')
+        (about / 'entry_points.txt').write_text(f'[pytest11]\n{name} = {name}\n')
+    environment = os.environ | {'PYTHONPATH': os.pathsep.join([str(tmp_path), *sys.path])}
+    words = '--collect-only', '--quiet', 'test/test_config.py'
+    result = run(sys.executable, '-m', 'pytest', *words, cwd=REPOSITORY, env=environment)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
 def test_the_six_names_are_all_that_is_public():
     assert sorted(convseq_ros.__all__) == sorted(
         ['Config', 'Frame', 'Match', 'PlaceRecognizer', 'build_map', 'open_map']
