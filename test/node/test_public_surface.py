@@ -38,8 +38,8 @@ CHANGING = {
     'build_map(links)',
     'convseq demo', 'convseq evaluate', 'convseq fleet', 'convseq report',
 }  # fmt: skip
-# What every node of ROS has: topics, and packages of the types of its services.
-OF_ROS = {'/rosout', '/parameter_events', '/clock'}
+# What every node of ROS has: topics, TF's where it is installed, and packages of services' types.
+OF_ROS = {'/rosout', '/parameter_events', '/clock', '/tf', '/tf_static'}
 OF_EVERY_NODE = {'rcl_interfaces', 'type_description_interfaces'}
 
 
@@ -193,8 +193,8 @@ def test_the_public_surface_is_as_promised(surface):
 
 
 POLICY = Path(__file__).resolve().parents[2] / 'config' / 'sros2_policy.xml'
-# Subscribed to with `use_sim_time`, and with `image_transport: compressed`.
-SOMETIMES = {'/clock', '/image/compressed'}
+# With `use_sim_time`, with `image_transport: compressed`, and where ROS has TF, as PyPI has not.
+SOMETIMES = {'/clock', '/image/compressed', '/tf', '/tf_static'}
 
 
 def allowed(group, kind):
@@ -218,7 +218,8 @@ def test_the_security_policy_allows_exactly_the_topics_and_services_in_use(clien
     client.wait_for(lambda: '/image' in used(node.get_subscriber_names_and_types_by_node))
     subscribed = used(node.get_subscriber_names_and_types_by_node)
     assert allowed('topics', 'subscribe') == subscribed | SOMETIMES
-    assert allowed('topics', 'publish') == used(node.get_publisher_names_and_types_by_node)
+    published = used(node.get_publisher_names_and_types_by_node)
+    assert allowed('topics', 'publish') == published | {'/tf'}
     assert allowed('services', 'reply') == used(node.get_service_names_and_types_by_node)
     assert not used(node.get_client_names_and_types_by_node)
 

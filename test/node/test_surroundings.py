@@ -244,7 +244,8 @@ def node():
 @pytest.fixture
 def mount(node, monkeypatch):
     """Return a mount by TF, which knows the frame of the lens once it is told so."""
-    assert Mount(node, 'base_link').base_in('lens') is None  # without tf2_ros
+    monkeypatch.setitem(sys.modules, 'tf2_ros', None)
+    assert Mount(node, 'base_link').base_in('lens') is None
     tf = SimpleNamespace(Buffer=Buffer, TransformListener=lambda _buffer, _node: None)
     monkeypatch.setitem(sys.modules, 'tf2_ros', tf)
     made = Mount(node, 'base_link')
