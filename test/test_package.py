@@ -160,15 +160,21 @@ def test_manifest_is_that_of_an_ament_python_package():
     assert not warnings
 
 
-def test_pip_installs_what_ros2_run_executes(manifest):
+@pytest.fixture
+def wheel() -> metadata.Distribution:
+    """Return what pip installed; colcon makes no wheel, and lists the sources' files instead."""
     try:
-        distribution = metadata.distribution('convseq_ros')
+        installed = metadata.distribution('convseq_ros')
     except metadata.PackageNotFoundError:
         pytest.skip('convseq_ros is not installed in this environment')
-    assert distribution.version == manifest.findtext('version')
+    if installed.read_text('WHEEL') is None:
+        pytest.skip('convseq_ros is not installed from a wheel')
+    return installed
+
+
+def test_pip_installs_what_ros2_run_executes(manifest, wheel):
+    assert wheel.version == manifest.findtext('version')
     prefix = Path(sys.prefix)
-    if prefix not in Path(str(distribution.locate_file(''))).parents:
-        pytest.skip('convseq_ros is not installed by pip')
     installed = Path(convseq_ros.__file__).parent
     assert prefix in installed.parents, 'the tests must run against what pip installed'
     assert files_of(installed) == files_of(REPOSITORY / 'convseq_ros')
@@ -177,15 +183,6 @@ def test_pip_installs_what_ros2_run_executes(manifest):
     assert (SCRIPTS / 'convseq').is_file()
     pytest.importorskip('rclpy')
     assert_node_reports_a_missing_map([str(node)], dict(os.environ))
-
-
-@pytest.fixture
-def wheel() -> metadata.Distribution:
-    """Return what pip installed; colcon makes no wheel, and lists the sources' files instead."""
-    installed = metadata.distribution('convseq_ros')
-    if installed.read_text('WHEEL') is None:
-        pytest.skip('convseq_ros is not installed from a wheel')
-    return installed
 
 
 def test_one_wheel_of_the_package_alone_serves_every_python(wheel):
