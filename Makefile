@@ -12,8 +12,9 @@
 # make wheel             what is released, into dist: wheels for x86-64 and ARM, and the sdist
 # make board              measure a robot's board in some minutes, write board.json to send
 # make test-aarch64       kernel tests and 30 frames on an emulated ARM; needs Debian and root
+# make colcon-test [CC=false]   colcon's build and all tests with what rosdep brings; or no compiler
 # make torture [HOURS=24] [ATTACKS='map_kills ...']   attack it: docs/RELIABILITY.md
-# Needs git, make and python3 with venv; everything else goes to .venv and .venv-noble.
+# Needs git, make and python3 with venv; everything else goes to .venv*.
 
 PYTHON ?= python3
 SOURCES := setup.py setup.cfg pyproject.toml package.xml \
@@ -52,7 +53,7 @@ ifndef SIDE_BY_SIDE
 .NOTPARALLEL:
 endif
 .PHONY: demo demo-slam results claims bench coverage docs docs-test pictures gif board torture test \
-	lint types contract wheel test-aarch64 test-newest test-noble clean
+	lint types contract wheel test-aarch64 test-newest test-noble colcon-test clean
 
 demo: .venv/demo.stamp
 	.venv/bin/convseq demo
@@ -118,6 +119,14 @@ wheel: .venv-wheel/wheel.stamp
 test-aarch64: .venv/board.stamp wheel
 	.ci/test_aarch64 .venv/bin/python
 
+colcon-test: export PATH := $(CURDIR)/.venv-colcon/bin:$(PATH)
+colcon-test: export AMENT_PREFIX_PATH = $(CURDIR)/.venv-colcon
+colcon-test: .venv-colcon/test.needs
+	cd .venv-colcon && rm -rf build install log
+	cd .venv-colcon && colcon build --base-paths ..
+	cd .venv-colcon && colcon test --base-paths .. --event-handlers console_direct+
+	cd .venv-colcon && colcon test-result --verbose
+
 # Three processes test at once, so none of them multiplies matrices on all cores.
 test-newest test-noble coverage: export OPENBLAS_NUM_THREADS = 1
 
@@ -175,7 +184,13 @@ test-noble: .venv-noble/test.stamp
 	touch $@ .venv/demo.stamp .venv/slam.stamp
 
 .venv-noble/test.needs: test/noble-requirements.txt | .venv-noble/bin/python
-	.venv-noble/$(INSTALL) 'setuptools>=70.1' --requirement $<
+	.venv-noble/$(INSTALL) 'setuptools>=70.1' pytest-timeout pytest-xdist --requirement $<
+	touch $@
+
+# With the setuptools of Ubuntu 24.04, too.
+.venv-colcon/test.needs: test/noble-requirements.txt
+	$(PYTHON) -m venv .venv-colcon
+	.venv-colcon/$(INSTALL) colcon-common-extensions setuptools==68.1.2 --requirement $<
 	touch $@
 
 .venv-noble/test.stamp: $(SOURCES) .venv-noble/test.needs
@@ -184,4 +199,4 @@ test-noble: .venv-noble/test.stamp
 	touch $@
 
 clean:
-	rm -rf .venv .venv-noble .venv-docs .venv-wheel dist site htmlcov .coverage .hypothesis .*_cache build install log *.egg-info
+	rm -rf .venv .venv-colcon .venv-noble .venv-docs .venv-wheel dist site htmlcov .coverage .hypothesis .*_cache build install log *.egg-info
