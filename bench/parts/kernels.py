@@ -50,11 +50,11 @@ def measure(work: Work) -> list[Finding]:
         coherent_score(features, projected_regions(references.cells(index)))[0]
         for index in indices.tolist()
     ]
-    peak = int8_peak()
+    peak, variant = int8_peak(), library().variant or 'no compiled kernels'
     what = f'pair of images, {len(features.index)} regions with {REGIONS}'
     findings = [
         Finding(what='peak of a core, float32', value=float32_peak(), unit='GFLOP/s'),
-        Finding(what='peak of a core, int8', value=peak, unit='GOP/s', note=library().variant),
+        Finding(what='peak of a core, int8', value=peak, unit='GOP/s', note=variant),
     ]
     matcher = Matcher(references, MatchingConfig(threads=1, subtract_background=False), _SALIENCY)
     extracted = matcher.extract(query)
