@@ -17,7 +17,6 @@ from convseq_ros.core.gate.stamp_order import AnyOrder
 from convseq_ros.core.map.appender import Appender, MapOwner
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.image_coding import decode_jpeg
-from convseq_ros.core.map.kept_keypoints import has_keypoints, without_keypoints
 from convseq_ros.core.map.online import link, OnlineMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.camera_check import CameraCheck
@@ -66,8 +65,6 @@ class MapBuilder:
         else:
             self._owner = MapOwner(ReferenceMap(encoding, keyframes=keyframes))
         self.reference_map = self._owner.reference_map
-        blind = links and not has_keypoints(self.reference_map)
-        self.problem = without_keypoints(path, not blind, config)  # of the map as it was found
         self._recognizer = PlaceRecognizer(
             self.reference_map,
             config,
@@ -153,11 +150,6 @@ def not_linked(unlinked: ReferenceMap) -> list[range]:
     """Return the places of each session with places not looked up yet."""
     links, ends = unlinked.links, pairwise([*unlinked.bounds.starts.tolist(), len(unlinked)])
     return [range(*both) for both in ends if not all(map(links.is_looked_up, range(*both)))]
-
-
-def problem_of_linking(name: object, unlinked: ReferenceMap) -> str:
-    """Return a line about a map without keypoints, if `link_map` is to link some; else nothing."""
-    return without_keypoints(name, not not_linked(unlinked) or has_keypoints(unlinked), Config())
 
 
 def link_map(unlinked: ReferenceMap, config: Config = Config()) -> Iterator[int]:

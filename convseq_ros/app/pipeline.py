@@ -3,7 +3,6 @@
 """The pipeline: recognisers with the map file that they use and, in online mode, extend."""
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 from convseq_ros.app.cameras import Cameras
@@ -11,10 +10,8 @@ from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.map.appender import Appender, MapOwner
-from convseq_ros.core.map.kept_keypoints import has_keypoints, without_keypoints
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.errors import MapError
 
 
 class Pipeline:
@@ -40,8 +37,7 @@ class Pipeline:
         self.path = path
         self.is_growing = config.online.grows
         self.is_persisted = path is not None and self.is_growing  # places are added to a file
-        # The map, and why some of its places have more than `max_looks` looks.
-        self.owner, self._problem = _opened(path, config, make)
+        self.owner = _opened(path, config, make)
         reference_map = self.owner.reference_map
         self.flush, self.close = self.owner.flush, self.owner.close
         try:
@@ -57,13 +53,11 @@ class Pipeline:
 
     @property
     def ignored(self) -> list[str]:
-        """One line for what is ignored or missing: damaged links, another spacing, keypoints."""
+        """One line for what is ignored: damaged links, another spacing."""
         opened, config = self.recognizer.reference_map, self.recognizer.config
         wanted, default = config.keyframes.spacing, KeyframeConfig().spacing
         used = opened.keyframes.spacing
-        blind = without_keypoints(self.path, has_keypoints(opened), config)
-        problems = opened.problem, self._problem, blind
-        return [problem for problem in problems if problem] + [
+        return [opened.problem] * bool(opened.problem) + [
             f'{name} {wanted[name]} is ignored: {self.path} was made with {used[name]}; build the '
             'map again to change it'
             for name in used
@@ -87,20 +81,12 @@ class Pipeline:
         self.cameras.warm_up()
 
 
-def _opened(path: Path | None, config: Config, make: bool) -> tuple[MapOwner, str]:
-    """Return the map of a file, or one in memory; and why its limit of looks is ignored, if so."""
+def _opened(path: Path | None, config: Config, make: bool) -> MapOwner:
+    """Return the owner of a map in a file, or of one in memory."""
     encoding, keyframes = config.encoding, config.keyframes
     if not path:
-        return MapOwner(ReferenceMap(encoding, keyframes=keyframes)), ''
+        return MapOwner(ReferenceMap(encoding, keyframes=keyframes))
     if not config.online.grows:
-        return MapOwner(open_map(path, encoding)), ''
+        return MapOwner(open_map(path, encoding))
     append, most = None if make else True, config.online.max_looks
-    grown = partial(Appender, path, encoding, keyframes, append=append, max_looks=most)
-    owner, problem = grown(), ''
-    if owner.has_surplus:  # after a crash, or made with a higher limit
-        try:
-            owner.close()
-        except MapError as error:  # such as a full disk: the map works without the limit
-            problem = f'max_looks is ignored: {error}'
-        owner = grown()
-    return owner, problem
+    return Appender(path, encoding, keyframes, append=append, max_looks=most)

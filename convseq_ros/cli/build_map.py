@@ -176,8 +176,6 @@ def build(
         is_first, before = source is sessions[0][2], counts.frames
         adds, own = append or not is_first, of_camera(config, number)
         builder = MapBuilder(path, own, adds, name, pose_frame, links, max_looks, model)
-        if is_first and builder.problem:
-            report(builder.problem)
         frames = source if on_warning else progress(source, len(source), path.name)
         problem = counts.add(builder, frames, report)
         check = builder.camera_check

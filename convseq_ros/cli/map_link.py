@@ -11,9 +11,9 @@ import json
 from pathlib import Path
 import sys
 
-from convseq_ros.app.map_builder import link_map, not_linked, problem_of_linking
+from convseq_ros.app.map_builder import link_map, not_linked
 from convseq_ros.cli.map_picture import draw_solved
-from convseq_ros.cli.options import progress, warn
+from convseq_ros.cli.options import progress
 from convseq_ros.cli.outputs import add_output
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.edit import forget_links
@@ -68,8 +68,6 @@ def _linked(chosen: argparse.Namespace, opened: ReferenceMap) -> ReferenceMap:
 def linking(path: Path, unlinked: ReferenceMap) -> Iterator[int]:
     """Link the places of a map that are not linked yet, with progress; yield after each."""
     count = sum(map(len, not_linked(unlinked)))
-    if problem := problem_of_linking(path, unlinked):
-        warn(problem)
     return progress(link_map(unlinked), count, path.name, 'places')
 
 

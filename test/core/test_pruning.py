@@ -144,7 +144,6 @@ def test_a_removal_that_fails_leaves_the_map_as_it_is(path, monkeypatch):
     monkeypatch.setattr('os.replace', full)
     pipeline = Pipeline(path, make_config({'mode': 'online', 'image_size_px': 64, 'max_looks': 2}))
     assert path.read_bytes()[:64] and len(pipeline.recognizer.reference_map) == 4 * ROUND
-    assert [one for one in pipeline.ignored if one.startswith('max_looks is ignored: ')]
     with pytest.raises(MapError, match='No space left on device'):
         pipeline.close()
     assert len(open_map(path)) == 4 * ROUND and len(was) == path.stat().st_size
