@@ -9,7 +9,7 @@ import sqlite3
 from convseq_ros.config import KeyframeConfig
 from convseq_ros.core.map import reader
 from convseq_ros.core.map.database import Database
-from convseq_ros.core.map.format import FORMAT_VERSION, is_map_or_empty, UNUSED
+from convseq_ros.core.map.format import FORMAT_VERSION, is_map_or_empty
 from convseq_ros.core.map.place import pack_cells, Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -86,16 +86,6 @@ def test_a_map_is_whole_however_many_rows_are_read_at_once(map_path, monkeypatch
         assert MapReader(map_path).about()['thumbnails'] == 4
 
 
-def test_a_map_with_the_depths_of_an_earlier_program_is_read_and_grows(map_path):
-    with closing(sqlite3.connect(map_path)) as database, database:
-        database.execute(UNUSED[1])
-        database.execute("INSERT INTO depths VALUES (0, x'00', 1)")
-    assert same(open_map(map_path), make())
-    with MapWriter(map_path, ENCODING, KeyframeConfig(), append=True) as writer:
-        writer.add(Place(9, session=1), Picture(cells(0)), make(1).global_descriptors[0])
-    assert len(open_map(map_path)) == len(make()) + 1
-
-
 def test_a_change_of_a_file_that_is_broken_off_changes_nothing(map_path):
     def change_half():
         with closing(Database(map_path, 'rw')) as database, database.transaction('IMMEDIATE'):
@@ -135,7 +125,7 @@ def test_the_file_names_its_tool_and_settings(map_path):
 
 
 @pytest.mark.parametrize(
-    ('version', 'remedy'), [(2, 'build the map again'), (FORMAT_VERSION + 1, 'update conv')]
+    ('version', 'remedy'), [(7, 'build the map again'), (FORMAT_VERSION + 1, 'update conv')]
 )
 def test_another_format_is_refused_with_both_versions_and_the_remedy(map_path, version, remedy):
     with sqlite3.connect(map_path) as database:

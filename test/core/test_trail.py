@@ -12,7 +12,7 @@ from convseq_ros.config import make_config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.graph.trail import Keyframe
 from convseq_ros.core.map.appender import Appender
-from convseq_ros.core.map.format import FORMAT_VERSION, PAGE_BYTES
+from convseq_ros.core.map.format import PAGE_BYTES
 from convseq_ros.core.map.online import OnlineMap
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
@@ -79,22 +79,6 @@ def test_keyframes_are_written_as_they_come_and_then_released(path):
     again.reference_map.trail.add(keyframe(3, own))
     again.close()
     assert [one.stamp_ns // SECOND for one in open_map(path).trail.since(0)] == [0, 1, 2, 3]
-
-
-def test_a_map_of_the_format_before_has_no_trail_and_gets_one_when_it_grows(path):
-    save_map(made(), path)
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute('DROP TABLE keyframes')
-        database.execute('PRAGMA user_version = 7')
-    before = path.read_bytes()
-    assert len(open_map(path)) == 6 and not open_map(path).trail.since(0)
-    assert path.read_bytes() == before
-    grown = Appender(path, ENCODING, APART, append=True)
-    grown.reference_map.trail.add(keyframe(9, grown.reference_map.sessions[0].id))
-    grown.close()
-    assert len(open_map(path).trail.since(0)) == 1 and len(open_map(path)) == 6
-    with closing(sqlite3.connect(path)) as database:
-        assert database.execute('PRAGMA user_version').fetchone() == (FORMAT_VERSION,)
 
 
 @pytest.mark.parametrize(

@@ -9,16 +9,7 @@ import sqlite3
 import time
 from typing import Any
 
-from convseq_ros.core.map.format import (
-    APPLICATION_ID,
-    FORMAT_VERSION,
-    NEWEST_TABLE,
-    OLDEST_VERSION,
-    row_crc,
-    SCHEMA,
-    TABLES,
-    UNUSED,
-)
+from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, row_crc, SCHEMA, TABLES
 from convseq_ros.errors import MapError
 
 Rows = list[tuple[Any, ...]]
@@ -152,26 +143,17 @@ class Database:
         self.rows(f'PRAGMA application_id = {APPLICATION_ID}')
         self.rows(f'PRAGMA user_version = {FORMAT_VERSION}')
 
-    def upgrade(self) -> None:
-        """Make a map of the oldest format one of today's, in one step."""
-        with self.transaction('IMMEDIATE'):
-            if self.number('PRAGMA user_version') < FORMAT_VERSION:
-                self.rows(SCHEMA[NEWEST_TABLE])
-                self.rows(f'PRAGMA user_version = {FORMAT_VERSION}')
-
     def check(self, path: Path) -> None:
         """Raise MapError if this is not a map of this format, ValueError if tables differ."""
         if self.number('PRAGMA application_id') != APPLICATION_ID:
             raise MapError(f'{path}: not a convseq map but another SQLite file')
         version = self.number('PRAGMA user_version')
-        if not OLDEST_VERSION <= version <= FORMAT_VERSION:
+        if version != FORMAT_VERSION:
             remedy = 'update convseq_ros' if version > FORMAT_VERSION else 'build the map again'
             raise MapError(
                 f'{path}: map format {version}, this program reads {FORMAT_VERSION}; {remedy}'
             )
-        tables = [row for row in self.rows('SELECT name, sql FROM sqlite_master') if row != UNUSED]
-        if version < FORMAT_VERSION:
-            tables.append((NEWEST_TABLE, SCHEMA[NEWEST_TABLE]))
+        tables = self.rows('SELECT name, sql FROM sqlite_master')
         if sorted(tables) != sorted(SCHEMA.items()):
             others = sorted({str(name) for name, _ in tables} - SCHEMA.keys())
             raise ValueError(f'unknown tables {others}' if others else 'tables with other columns')

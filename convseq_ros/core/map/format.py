@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The layout of a map's SQLite file, format 8. Format 7 has no `keyframes`.
+The layout of a map's SQLite file, format 8.
 
 `about` holds the map's id and the settings it was made with. `sessions` are its drives; the places
 of a session follow each other in order. `places` and `links` are read when a map is opened, the
@@ -57,13 +57,6 @@ TABLES = {
     'crc32 INTEGER NOT NULL)',
 }
 SCHEMA = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
-OLDEST_VERSION, NEWEST_TABLE = 7, 'keyframes'  # the oldest format that is read has all but this
-# A table that earlier programs made, which nothing reads.
-UNUSED = (
-    'depths',
-    'CREATE TABLE depths (reference_index INTEGER PRIMARY KEY, metres BLOB NOT NULL, '
-    'crc32 INTEGER NOT NULL)',
-)
 # Settings of an encoding that a map stores, and those that must be the same for its queries.
 _LEFT_OUT = {'descriptor_model': ''}  # a default, which is not stored
 _ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg', *_LEFT_OUT)

@@ -26,7 +26,6 @@ from convseq_ros.core.map.database import as_map_error, Database, Rows
 from convseq_ros.core.map.format import (
     checked_pose,
     decode_cells,
-    FORMAT_VERSION,
     keyframe_of,
     MapSession,
     row_crc,
@@ -183,9 +182,7 @@ class MapReader:
         return ReferenceMap(*settings, sessions, links, problem, keeps_images, trail)
 
     def _trail_end(self) -> int:
-        """Return the number of the next keyframe; 0 if the table is not there, or damaged."""
-        if self._database.number('PRAGMA user_version') < FORMAT_VERSION:
-            return 0
+        """Return the number of the next keyframe; 0 if the table is damaged."""
         try:
             return self._database.number('SELECT coalesce(max(number), -1) + 1 FROM keyframes')
         except sqlite3.DatabaseError:

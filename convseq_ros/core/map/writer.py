@@ -81,7 +81,6 @@ class MapWriter:
         if self._database.number('PRAGMA page_count'):
             found = MapReader(self._path)  # refuses what is no map
             if append is not False:
-                self._database.upgrade()
                 return False
             if len(found):
                 raise MapError(
