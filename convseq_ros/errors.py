@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The exceptions that this package raises on purpose: one clear line each, with the remedy."""
 
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 import sys
 import sysconfig
 import traceback
+from typing import Any
 
 
 class ConvseqError(Exception):
@@ -76,6 +78,23 @@ def pip_install(*packages: str) -> str:
         apt = '' if find_spec('pip') else 'sudo apt install python3-pip && '
         return f'{apt}pip install --break-system-packages {names} (in a venv, without that option)'
     return f'pip install {names}'
+
+
+# What pip installs for a module, if that is not of its name.
+_PACKAGES = {
+    'rosbags': ('rosbags', 'mcap', 'zstandard'), 'skimage': ('scikit-image',),
+    'sklearn': ('scikit-learn',), 'yaml': ('pyyaml',),
+}  # fmt: skip
+
+
+def load(module: str, user: object, kind: type[ConvseqError] = ConvseqError) -> Any:
+    """Return a module of a library that may be missing; else an error with the remedy."""
+    try:
+        return import_module(module)
+    except ImportError:
+        name = module.partition('.')[0]
+        packages = _PACKAGES.get(name, (name,))
+        raise kind(f'{user} needs {packages[0]}: {pip_install(*packages)}') from None
 
 
 NO_PLACES = 'has no places; add a drive: convseq build-map RECORDING MAP --append'

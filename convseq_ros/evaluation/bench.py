@@ -10,10 +10,9 @@ from pathlib import Path
 
 from convseq_ros.config import Config, flatten, KeyframeConfig
 from convseq_ros.config.parameter import parameters
-from convseq_ros.errors import ConfigError
+from convseq_ros.errors import ConfigError, load
 from convseq_ros.evaluation import run_folder
 from convseq_ros.evaluation.data_set import DataSet
-from convseq_ros.evaluation.libraries import load
 from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.methods import make_method, Method, MethodName, parse_method, Sweep
 from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, run_protocol, VERSION
@@ -68,7 +67,7 @@ def evaluate(
     of the extra `evaluation` is missing.
     """
     for library in ('jinja2', 'matplotlib', 'pandas', 'sklearn'):
-        load(library)
+        load(library, 'evaluation')
     names = [data_set.name for data_set in data_sets]
     for name in names:
         if names.count(name) > 1:

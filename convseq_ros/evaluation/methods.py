@@ -5,7 +5,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.util import find_spec
 import math
 from pathlib import Path
 import re
@@ -22,7 +21,7 @@ from convseq_ros.config import Config, core_parameters
 from convseq_ros.config.paper import PAPER
 from convseq_ros.config.parameter import refuse_unknown, Value
 from convseq_ros.core.encoding.mask import masked
-from convseq_ros.errors import ConfigError, pip_install
+from convseq_ros.errors import ConfigError, load
 from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.given_files import read_descriptors, read_scores
 from convseq_ros.evaluation.given_scores import PairScores
@@ -142,7 +141,7 @@ class Kind:
     instead: str = ''  # what to give, if it does not
     recognizer: bool = False  # whether the online recogniser decides
     after: After | None = None  # as in `recognize`
-    needs: tuple[str, str] = ('', '')  # a module, and the package that pip installs for it
+    needs: str = ''  # a module
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,9 +174,8 @@ def make_method(name: MethodName, config: Config) -> Method:
     if name.kind not in KINDS:
         raise ConfigError(f'method {name.kind!r} is not one of {", ".join(KINDS)}')
     kind = KINDS[name.kind]
-    module, package = kind.needs
-    if module and find_spec(module) is None:
-        raise ConfigError(f'method {name.label}: needs {package}; {pip_install(package)}')
+    if kind.needs:
+        load(kind.needs, f'method {name.label}:', ConfigError)
     for needed in kind.files:
         if needed not in name.options:
             raise ConfigError(f'method {name.label}: add {needed}=FILE')
@@ -314,10 +312,10 @@ KINDS: Mapping[str, Kind] = {
     'seqslam': _baseline(
         _seqslam, seqslam.LENGTH, options=('ds',), takes_length=False, instead='give ds, its own'
     ),
-    'hog': _baseline(_hog, needs=('skimage', 'scikit-image')),
+    'hog': _baseline(_hog, needs='skimage'),
     'orb-bow': _peer_of(_peer, options=peers.OPTIONS + peers.TREE_OPTIONS),
     'sift-vlad': _peer_of(_peer, options=peers.OPTIONS),
-    'hbst': _peer_of(_hbst, options=('rows',), needs=('pyhbst', 'pyhbst')),
+    'hbst': _peer_of(_hbst, options=('rows',), needs='pyhbst'),
     'scores': _baseline(_given_scores, files=('file',), options=('lower_is_better',)),
     'descriptors': _baseline(_given_descriptors, files=('query',), options=('reference',)),
     'onnx': _baseline(_onnx, files=('file',), options=('size', 'mean', 'scale')),

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 
-from convseq_ros.evaluation.libraries import load
+from convseq_ros.errors import load
 import numpy as np
 import numpy.typing as npt
 
@@ -44,8 +44,10 @@ def precision_recall(correct: Flags, values: Values, positives: int | None = Non
         number = min(1, len(correct))
         return Curve(np.zeros(number), np.full(number, 0.0 if total else np.nan))
     finite = np.nan_to_num(values, neginf=np.finfo(np.float64).min)
-    with load('sklearn').config_context(assume_finite=True, skip_parameter_validation=True):
-        curve = load('sklearn.metrics').precision_recall_curve(correct, finite)
+    metrics = load('sklearn.metrics', 'evaluation')
+    context = load('sklearn', 'evaluation').config_context
+    with context(assume_finite=True, skip_parameter_validation=True):
+        curve = metrics.precision_recall_curve(correct, finite)
     precision, recall = (column[-2::-1] for column in curve[:2])  # without the point at recall 0
     return Curve(precision, recall * right / total)
 

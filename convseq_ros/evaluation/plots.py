@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from convseq_ros.errors import ConvseqError, pip_install
+from convseq_ros.errors import load
 from convseq_ros.io.regular_file import complete_or_absent, MARK
 import cv2
 import numpy as np
@@ -36,13 +36,10 @@ _NUM_SHADES = 64
 
 def new_figure(width: float, height: float, face: str = 'white') -> Any:
     """Return an empty matplotlib figure, inches; ConvseqError if matplotlib is not installed."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise ConvseqError(f'figures need matplotlib: {pip_install("matplotlib")}') from None
-    figure = Figure(figsize=(width, height), dpi=100, facecolor=face)
-    FigureCanvasAgg(figure)
+    canvas = load('matplotlib.backends.backend_agg', 'a figure')
+    figure = load('matplotlib.figure', 'a figure')
+    figure = figure.Figure(figsize=(width, height), dpi=100, facecolor=face)
+    canvas.FigureCanvasAgg(figure)
     return figure
 
 

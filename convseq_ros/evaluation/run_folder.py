@@ -23,8 +23,7 @@ from typing import Any
 
 from convseq_ros.app.result_row import COLUMNS, row
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.libraries import load
+from convseq_ros.errors import load, SourceError
 from convseq_ros.evaluation.protocols import OPEN, Outcome, VERSION
 from convseq_ros.evaluation.scorecard import margin, Summary, Verdicts
 from convseq_ros.io.files import read_text
@@ -57,7 +56,8 @@ def write_summary_table(folder: Path, summaries: Sequence[Summary]) -> None:
         {name: one for name, one in summary.items() if not isinstance(one, Mapping | list)}
         for summary in summaries
     )
-    write_text(folder / 'summary.csv', load('pandas').DataFrame(plain).to_csv(index=False))
+    table = load('pandas', 'evaluation').DataFrame(plain)
+    write_text(folder / 'summary.csv', table.to_csv(index=False))
 
 
 def write_text(path: Path, text: str) -> None:
@@ -70,7 +70,7 @@ def _frames(outcome: Outcome, verdicts: Verdicts) -> Any:
     """Return a row per answer, as a pandas table."""
     durations_ms = outcome.durations_ms or [0.0] * len(outcome.matches)
     answers = [*map(row, outcome.matches, durations_ms)]
-    table = load('pandas').DataFrame(answers, columns=COLUMNS, dtype=object)
+    table = load('pandas', 'evaluation').DataFrame(answers, columns=COLUMNS, dtype=object)
     if not outcome.durations_ms:
         table['duration_ms'] = ''
     query, margins = outcome.query, map(margin, outcome.matches)

@@ -5,7 +5,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from convseq_ros.evaluation.libraries import load
+from convseq_ros.errors import load
 from convseq_ros.evaluation.scorecard import RECALL_COUNTS
 
 HEADINGS = {
@@ -50,12 +50,12 @@ def table_of(summaries: Sequence[Mapping[str, Any]]) -> Any:
         made = {'interval': interval, 'first_closures': first, 'over_first': over_first}
         figures = {**summary, **made}
         rows.append({text: _text(figures.get(name)) for name, text in shown.items()})
-    return load('pandas').DataFrame(rows)
+    return load('pandas', 'evaluation').DataFrame(rows)
 
 
 def latex_of(summaries: Sequence[Mapping[str, Any]]) -> str:
     """Return the table as LaTeX with booktabs; ConvseqError if a library is missing."""
-    load('jinja2')
+    load('jinja2', 'evaluation')
     return str(table_of(summaries).to_latex(index=False, escape=True))
 
 

@@ -13,7 +13,7 @@ import logging
 import tempfile
 from typing import Any
 
-from convseq_ros.errors import ConvseqError, FleetError, pip_install
+from convseq_ros.errors import ConvseqError, FleetError, load
 
 # Python that a worker runs first: it ignores Ctrl-C, and uses one core.
 _FIRST = (
@@ -37,11 +37,7 @@ _LOCAL = {
 @contextmanager
 def started(workers: int) -> Iterator[Any]:
     """Yield a `distributed.Client` of so many processes of this machine, which end with it."""
-    try:
-        import dask
-        import distributed
-    except ImportError:
-        raise FleetError(f'a fleet needs dask.distributed; {pip_install("distributed")}') from None
+    dask, distributed = (load(name, 'a fleet', FleetError) for name in ('dask', 'distributed'))
     with dask.config.set(_LOCAL), tempfile.TemporaryDirectory() as folder:
         try:
             cluster = distributed.LocalCluster(

@@ -11,7 +11,7 @@ from typing import Any, get_args, get_origin, TypeVar
 
 from convseq_ros.config.parameter import refuse_unknown
 from convseq_ros.config.reading_config import AS_TEXT, AS_YAML, ReadingConfig
-from convseq_ros.errors import ConfigError, ConvseqError, one_line, pip_install, SourceError
+from convseq_ros.errors import ConfigError, ConvseqError, load, one_line, SourceError
 from convseq_ros.io.regular_file import read_bytes, refuse_irregular
 import numpy as np
 import numpy.typing as npt
@@ -26,10 +26,7 @@ def read_yaml(path: Path, reading: ReadingConfig = ReadingConfig()) -> Mapping[s
     Aliases are refused, which ROS does not read either: with them a few lines can expand to
     terabytes.
     """
-    try:
-        import yaml
-    except ImportError:
-        raise ConfigError(f'{path}: needs PyYAML; {pip_install("pyyaml")}') from None
+    yaml = load('yaml', f'{path}:', ConfigError)
     try:
         data = read_bytes(path, 'a YAML file', partial(reading.refuse_file, cost=AS_YAML))
         loader = yaml.SafeLoader(data.decode('utf-8'))

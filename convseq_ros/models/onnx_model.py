@@ -12,7 +12,7 @@ from typing import Any
 from convseq_ros.config import Config
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.first_stage import checked_vector
-from convseq_ros.errors import ModelError, one_line, pip_install, SourceError
+from convseq_ros.errors import load, ModelError, one_line, SourceError
 from convseq_ros.io.files import read_yaml
 from convseq_ros.io.regular_file import read_bytes
 import cv2
@@ -81,10 +81,7 @@ class OnnxModel:
         reading: ReadingConfig = ReadingConfig(),
         given: Mapping[str, object] | None = None,
     ) -> None:
-        try:
-            import onnxruntime
-        except ImportError:
-            raise ModelError(f'{path}: needs onnxruntime; {pip_install("onnxruntime")}') from None
+        onnxruntime = load('onnxruntime', f'{path}:', ModelError)
         self._path, self.numbers = path, 0
         beside, weights = path.with_suffix('.yaml'), b''
         try:

@@ -10,7 +10,7 @@ from typing import Any
 
 from convseq_ros.core.rigid import Matrix
 from convseq_ros.core.types import constants, Doubles, Flags
-from convseq_ros.errors import ConvseqError, pip_install
+from convseq_ros.errors import load
 from convseq_ros.pose_graph.edges import Edge, Poses
 import numpy as np
 
@@ -184,10 +184,4 @@ def _weights(squares: Doubles, mu: float) -> Doubles:
 
 def need_gtsam() -> Any:
     """Return the module; ConvseqError if it is not installed."""
-    try:
-        import gtsam
-    except ImportError:
-        raise ConvseqError(
-            f'gtsam is not installed, which solves pose graphs: {pip_install("gtsam")}'
-        ) from None
-    return gtsam
+    return load('gtsam', 'a pose graph')

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.core.types import Camera, Pose
-from convseq_ros.errors import ConvseqError, pip_install
+from convseq_ros.errors import ConvseqError, load
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.simulation.drive import Shot
 import numpy as np
@@ -29,19 +29,15 @@ def write_recording(
     Odometry of a shot is written in frame odom, and then its true pose in frame map on
     /ground_truth. With `info_topic`, every image has a CameraInfo.
     """
-    try:
-        from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import get_typestore, Stores
-    except ImportError:
-        raise ConvseqError(f'rosbags is not installed; {pip_install("rosbags")}') from None
+    bags, types = (load(f'rosbags.{name}', 'a recording') for name in ('rosbag2', 'typesys'))
     path = Path(path)
     if path.exists():
         raise ConvseqError(f'{path}: exists already; remove it or choose another name')
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store = types.get_typestore(types.Stores.ROS2_JAZZY)
     path.parent.mkdir(parents=True, exist_ok=True)
     with (
         complete_or_absent(path) as part,
-        Writer(part, version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+        bags.Writer(part, version=9, storage_plugin=bags.StoragePlugin.MCAP) as writer,
     ):
         connections = {topic: writer.add_connection(topic, _IMAGE, typestore=store)}
         for shot in frames:

@@ -9,7 +9,7 @@ from pathlib import Path
 from shlex import quote
 from typing import Any, NamedTuple
 
-from convseq_ros.errors import ConvseqError, pip_install, SourceError
+from convseq_ros.errors import load, SourceError
 from convseq_ros.sources.raw_message import damaged, RawMessage, REPUBLISH
 
 TF_TYPES = ('tf2_msgs/msg/TFMessage',)
@@ -114,11 +114,5 @@ def decode(message: RawMessage) -> Any:
 @functools.cache
 def typestore() -> Any:
     """Return the message definitions of ROS 2 Jazzy; ConvseqError if rosbags is not installed."""
-    try:
-        from rosbags.typesys import get_typestore, Stores
-    except ImportError:
-        raise ConvseqError(
-            'rosbags is not installed, but recordings need it; '
-            + pip_install('rosbags', 'mcap', 'zstandard')
-        ) from None
-    return get_typestore(Stores.ROS2_JAZZY)
+    types = load('rosbags.typesys', 'a recording')
+    return types.get_typestore(types.Stores.ROS2_JAZZY)

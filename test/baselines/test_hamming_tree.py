@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A tree of all descriptors of a map, and the decision on a frame by itself."""
 
+from importlib.util import find_spec
+
 from convseq_ros.baselines.hamming_tree import HammingTree
 from convseq_ros.baselines.local_features import LocalFeatures
 from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.config import Config
 from convseq_ros.errors import ConfigError
-from convseq_ros.evaluation import methods
 from convseq_ros.evaluation.data_set import DataSet, Part, TruthSource
 from convseq_ros.evaluation.material import open_material
 from convseq_ros.evaluation.methods import make_method, parse_method
@@ -17,7 +18,7 @@ import numpy as np
 import pytest
 
 needs_pyhbst = pytest.mark.skipif(
-    methods.find_spec('pyhbst') is None, reason='needs pyhbst: pip install pyhbst'
+    find_spec('pyhbst') is None, reason='needs pyhbst: pip install pyhbst'
 )
 
 

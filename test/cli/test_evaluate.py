@@ -8,7 +8,6 @@ import re
 import sys
 
 from convseq_ros.cli import main
-from convseq_ros.evaluation.libraries import load
 from convseq_ros.evaluation.report import results
 from pictures import picture, written
 import pytest
@@ -152,10 +151,8 @@ def test_a_page_of_each_set_has_table_figures_and_pairs(street):
     [('pandas', 'pandas'), ('sklearn', 'scikit-learn'), ('jinja2', 'jinja2')],
 )
 def test_a_missing_library_is_named_in_one_line(street, monkeypatch, capsys, module, package):
-    load.cache_clear()
     monkeypatch.setitem(sys.modules, module, None)
     assert evaluate(street, street, '--method', 'cohog') == 1
     told = capsys.readouterr().err
     assert told.startswith(f'convseq evaluate: evaluation needs {package}: ')
     assert 'pip install' in told and told.count('\n') == 1
-    load.cache_clear()

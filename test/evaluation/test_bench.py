@@ -4,6 +4,7 @@
 
 import csv
 import json
+import sys
 
 from convseq_ros.app.result_row import COLUMNS
 from convseq_ros.config import Config
@@ -361,7 +362,7 @@ def test_a_text_names_a_method_and_its_options(text, label, kind, length):
 
 
 def test_the_length_of_a_method_wins_over_the_parameter(monkeypatch):
-    monkeypatch.setattr(methods, 'find_spec', lambda name: name)
+    monkeypatch.setattr(methods, 'load', lambda *_: None)
     config = overridden(Config(), {'fixed_length': 7})
     lengths = {
         kind: make_method(parse_method(kind), config).config.sequence.fixed_length
@@ -399,7 +400,7 @@ def test_only_methods_of_a_fixed_number_of_frames_decide_by_margin(text, length,
 def test_a_missing_package_is_reported_before_any_image_is_read(
     street, tmp_path, monkeypatch, kind, package
 ):
-    monkeypatch.setattr(methods, 'find_spec', lambda _: None)
+    monkeypatch.setitem(sys.modules, KINDS[kind].needs, None)
     monkeypatch.setattr(bench, 'open_material', lambda *_: pytest.fail('it reads images'))
-    with pytest.raises(ConfigError, match=f'method {kind}: needs {package}; pip install '):
+    with pytest.raises(ConfigError, match=f'method {kind}: needs {package}: pip install '):
         run(street, Config(), tmp_path / 'out', 'convseq', kind)

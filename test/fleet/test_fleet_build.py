@@ -127,7 +127,7 @@ def test_a_job_that_kills_its_worker_is_given_up(client):
 def test_a_missing_package_is_named_with_the_remedy(recordings, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'distributed', None)
     assert main(['fleet', str(recordings), '-o', str(tmp_path / 'maps')]) == 1
-    assert 'a fleet needs dask.distributed; pip install' in capsys.readouterr().err
+    assert 'a fleet needs distributed: pip install' in capsys.readouterr().err
 
 
 def test_workers_listen_on_this_machine_only(client):

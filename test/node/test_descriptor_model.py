@@ -107,5 +107,5 @@ def test_another_model_or_none_of_its_kind_is_refused_at_the_start(vpr, net, net
 
 def test_a_missing_onnxruntime_is_reported_when_the_node_starts(vpr, net, net_map, monkeypatch):
     monkeypatch.setitem(__import__('sys').modules, 'onnxruntime', None)
-    with pytest.raises(ModelError, match='needs onnxruntime; pip install'):
+    with pytest.raises(ModelError, match='needs onnxruntime: pip install'):
         vpr(map_path=net_map, descriptor_model=str(net))

@@ -10,7 +10,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any, TypeVar
 
-from convseq_ros.errors import ConvseqError, pip_install
+from convseq_ros.errors import load
 from convseq_ros.evaluation.plots import take_texts_literally
 from convseq_ros.io.regular_file import complete_or_absent
 import numpy as np
@@ -52,14 +52,11 @@ def write_page(
     `table` is HTML that is trusted; all other texts are escaped. `made` says, by name, how each
     result was made. Of many pairs, evenly as many are shown as fit. ConvseqError without jinja2.
     """
-    try:
-        from jinja2 import Environment
-    except ImportError:
-        raise ConvseqError(f'pages need jinja2: {pip_install("jinja2")}') from None
     kinds = [pairs for section in sections for pairs in section.pairs.values() if pairs]
     pictures = max((len(pairs[0].pictures) for pairs in kinds), default=1)
     most = max(_FEWEST, MOST_PICTURES // (pictures * max(1, len(kinds))))
-    jinja = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment = load('jinja2', 'a page').Environment
+    jinja = environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     jinja.filters['base64'] = as_base64
     jinja.filters['evenly'] = lambda pairs: evenly(pairs, most)
     template = jinja.from_string((files(__package__) / 'template.html').read_text('utf-8'))
