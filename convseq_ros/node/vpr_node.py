@@ -232,7 +232,7 @@ class VprNode(ManagedNode):
             return
         self._maps.configure(node_config.save_map_path)
         self._worker.configure(node_config.queue_size, node_config.max_wait_s)
-        self._frame_context.odometry.waiting.configure(node_config.odom_wait_s)
+        self._frame_context.odometry.wait_s = node_config.odom_wait_s
         self._diagnostics.configure(node_config.diagnostics_period_s)
 
         def apply() -> None:
@@ -305,7 +305,7 @@ class VprNode(ManagedNode):
                 'result_rows_lost': self._results.lost,
                 'camera_info': self._frame_context.camera.is_calibrated,
                 'initial_poses_left_out': self._initial_poses.left_out,
-                'frames_without_pose': odometry.missing.count,
+                'frames_without_pose': odometry.without_pose,
                 **(self._transform.values if self._transform else {}),
             },
             transform_problem=self._transform.problem if self._transform else '',

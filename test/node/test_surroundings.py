@@ -152,7 +152,7 @@ def test_a_pose_is_extrapolated_from_the_last_two_after_a_short_wait(tracked):
     one.hear((0, SECOND), (1, SECOND + 100 * MS))
     assert one.pose_at(SECOND + 150 * MS).position[0] == pytest.approx(1.5)
     assert one.pose_at(SECOND + 400 * MS) is None
-    assert one.odometry.missing.count == 1
+    assert one.odometry.without_pose == 1
 
 
 def test_no_image_waits_for_odometry_that_stopped_or_never_came(tracked):
@@ -161,11 +161,11 @@ def test_no_image_waits_for_odometry_that_stopped_or_never_came(tracked):
     assert stopped.pose_at(3 * SECOND) is None
     silent = tracked(wait_s=3600.0, publishers=0)
     assert silent.pose_at(SECOND) is None
-    assert silent.odometry.missing.count == 0
+    assert silent.odometry.without_pose == 0
     announced = tracked(wait_s=0.0)
     for _ in range(3):
         announced.pose_at(SECOND)
-    announced.odometry.waiting.wait_s = 3600.0
+    announced.odometry.wait_s = 3600.0
     assert announced.pose_at(SECOND) is None
 
 
@@ -174,7 +174,7 @@ def test_after_three_vain_waits_images_do_not_wait_until_odometry_returns(tracke
     one.hear((0, SECOND))
     for _ in range(3):
         assert one.pose_at(SECOND + 500 * MS) is None
-    one.odometry.waiting.wait_s = 3600.0
+    one.odometry.wait_s = 3600.0
     assert one.pose_at(SECOND + 500 * MS) is None
     one.hear((1, SECOND + 100 * MS))
     waiting, found = one.wait_for_pose(SECOND + 150 * MS)
@@ -192,7 +192,7 @@ def test_odometry_by_another_clock_is_reported(tracked, ahead_s, told):
     for _ in range(20):
         assert not one.warning.called and one.pose_at(10 * SECOND) is None
     assert told in one.warning.call_args.args[0]
-    assert one.odometry.missing.count == 20
+    assert one.odometry.without_pose == 20
 
 
 def test_odometry_that_is_not_a_pose_or_has_no_stamp_is_one_warning(tracked):

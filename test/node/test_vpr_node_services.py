@@ -166,7 +166,7 @@ def test_a_changed_parameter_reaches_the_part_that_uses_it(client, vpr, map_path
     client.wait_for(lambda: recognizer.config.reading.max_file_mb == 8.0)
     worker, context = node._worker, node._frame_context
     assert (worker._size, worker._max_wait_ns) == (3, 2_500_000_000)
-    assert context.odometry.waiting.wait_s == 0.25
+    assert context.odometry.wait_s == 0.25
     assert node._diagnostics._timer.timer_period_ns == 500_000_000
     assert recognizer.gate._standstill._config.stationary_m == 0.5
     assert recognizer.config.robot.mount == (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
