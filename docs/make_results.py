@@ -16,8 +16,9 @@ from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.data_set import DataSet, open_data_set, ready_made
 from convseq_ros.evaluation.provenance import short
-from convseq_ros.evaluation.run_folder import read_summaries, write_text
+from convseq_ros.evaluation.run_folder import read_summaries
 from convseq_ros.evaluation.scorecard import Summary
+from convseq_ros.io.regular_file import write_text
 
 BEGIN, END = '<!-- written by make results -->', '<!-- end of what make results writes -->'
 OURS = 'ours'

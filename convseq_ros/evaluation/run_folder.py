@@ -27,7 +27,7 @@ from convseq_ros.errors import load, SourceError
 from convseq_ros.evaluation.protocols import OPEN, Outcome, VERSION
 from convseq_ros.evaluation.scorecard import margin, Summary, Verdicts
 from convseq_ros.io.files import read_text
-from convseq_ros.io.regular_file import complete_or_absent
+from convseq_ros.io.regular_file import complete_or_absent, write_text
 import numpy as np
 
 REPORT = 'report.html'
@@ -58,12 +58,6 @@ def write_summary_table(folder: Path, summaries: Sequence[Summary]) -> None:
     )
     table = load('pandas', 'evaluation').DataFrame(plain)
     write_text(folder / 'summary.csv', table.to_csv(index=False))
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file in one step."""
-    with complete_or_absent(path) as part:
-        part.write_text(text, encoding='utf-8')
 
 
 def _frames(outcome: Outcome, verdicts: Verdicts) -> Any:

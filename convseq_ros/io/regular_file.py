@@ -83,8 +83,12 @@ def complete_or_absent(path: Path) -> Iterator[Path]:
         raise
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file in one step."""
+    with complete_or_absent(path) as part:
+        part.write_text(text, encoding='utf-8')
+
+
 def write_lines(path: Path, lines: Iterable[str]) -> None:
     """Write a text file, in one step, after a comment that says by whom."""
-    with complete_or_absent(path) as part:
-        text = ''.join(f'{line}\n' for line in (f'# {MARK}', *lines))
-        part.write_text(text, encoding='utf-8')
+    write_text(path, ''.join(f'{line}\n' for line in (f'# {MARK}', *lines)))

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from convseq_ros.errors import load
 from convseq_ros.evaluation.plots import take_texts_literally
-from convseq_ros.io.regular_file import complete_or_absent
+from convseq_ros.io.regular_file import write_text
 import numpy as np
 
 Item = TypeVar('Item')
@@ -61,8 +61,7 @@ def write_page(
     jinja.filters['evenly'] = lambda pairs: evenly(pairs, most)
     template = jinja.from_string((files(__package__) / 'template.html').read_text('utf-8'))
     text = template.render(title=title, facts=facts, sections=sections, made=made, table=table)
-    with complete_or_absent(output) as part:
-        part.write_text(text, encoding='utf-8')
+    write_text(output, text)
 
 
 def svg(figure: Any) -> str:
