@@ -56,6 +56,12 @@ def turned_by(turn: npt.ArrayLike) -> Matrix:
     return np.asarray(cv2.Rodrigues(np.asarray(turn, np.float64))[0])
 
 
+def difference(first: Matrix, second: Matrix) -> Matrix:
+    """Return the motion (6,) from one pose to another: x, y, z and a turn, in the first's axes."""
+    moved = inverse(first) @ second
+    return np.r_[moved[:3, 3], cv2.Rodrigues(moved[:3, :3])[0].ravel()]
+
+
 def cross(left: Matrix) -> Matrix:
     """Return the matrix (3, 3) of the cross product with a vector (3,) on the left."""
     x, y, z = left.tolist()

@@ -6,13 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 import math
 
-from convseq_ros.core.rigid import inverse, Matrix, moved_covariance
+from convseq_ros.core.rigid import difference, Matrix, moved_covariance
 from convseq_ros.core.types import constants
 from convseq_ros.pose_graph.closures import Known
 from convseq_ros.pose_graph.edges import Edge
 from convseq_ros.pose_graph.odometry import Odometry
 from convseq_ros.pose_graph.optimisation import ROBUST
-import cv2
 import numpy as np
 
 
@@ -37,7 +36,6 @@ class Carried:
     """
 
     drive: Odometry
-    first: int  # node of the drive's first keyframe
     pose: Callable[[int], Matrix]  # returns the pose (4, 4) of a node
     _links: list[Known] = field(default_factory=list)
     _costs: list[float] = field(default_factory=list)  # of the cheapest way to each
@@ -46,7 +44,7 @@ class Carried:
     def add(self, one: Known) -> None:
         """Add a closure with its edge; one that comes late, by its query, is passed over."""
         edge, count = _edge(one), len(self._links)
-        newest = _edge(self._links[-1]).end if self._links else self.first
+        newest = _edge(self._links[-1]).end if self._links else self.drive.first
         if edge.end < max(newest, edge.start):
             return
         ways = [(count + self._cost(None, edge), -1)]
@@ -76,24 +74,23 @@ class Carried:
                 start = self._since(
                     _edge(self._links[before]) if before >= 0 else None, _edge(one)
                 )
-                number = self._hint(start, _edge(one).end) or _edge(one).end - self.first
+                node = self._hint(start, _edge(one).end) or _edge(one).end
                 ends = [one, *self._links[max(0, before) : before + 1]]
-                if number in self.drive.breaks or any(end.kept is False for end in ends):
-                    found[number] = _edge(one)
+                if node in self.drive.breaks or any(end.kept is False for end in ends):
+                    found[node] = _edge(one)
             at = before
         return found
 
     def _since(self, before: Edge | None, edge: Edge) -> int:
         """Return the node from which odometry leads to the query of a closure."""
-        return before.end if before else max(self.first, edge.start)
+        return before.end if before else max(self.drive.first, edge.start)
 
     def _hint(self, start: int, end: int) -> int | None:
-        """Return a keyframe after one node, up to another, where something began anew."""
-        hints = (number for number in self.drive.hints if start < self.first + number <= end)
-        return next(hints, None)
+        """Return a node after one, up to another, where something began anew."""
+        return next((node for node in self.drive.hints if start < node <= end), None)
 
     def _cost(self, before: Edge | None, edge: Edge) -> float:
-        if (before is None and edge.start < self.first) or self._agree(before, edge):
+        if (before is None and edge.start < self.drive.first) or self._agree(before, edge):
             return 0.0
         if (start := self._since(before, edge)) == edge.end:
             return math.inf  # at one time: one of both is wrong
@@ -105,15 +102,13 @@ class Carried:
         goal = self.pose(edge.start)
         if before:
             noise, goal = before.covariance, self.pose(before.start) @ before.moved
-        step = self.drive.step(start - self.first, edge.end - self.first, self.first)
+        step = self.drive.step(start, edge.end)
         turn = np.kron(np.eye(2), step.moved[:3, :3])
         noise = turn.T @ moved_covariance(noise, step.moved[:3, 3]) @ turn
         noise = noise + step.covariance + edge.covariance
-        if before and min(before.start, edge.start) >= self.first:  # apart as odometry has it
-            low, high = sorted((before.start - self.first, edge.start - self.first))
-            noise = noise + self.drive.step(low, high, self.first).covariance
-        off = inverse(goal @ step.moved) @ self.pose(edge.start) @ edge.moved
-        error = np.r_[off[:3, 3], cv2.Rodrigues(off[:3, :3])[0].ravel()]
+        if before and min(before.start, edge.start) >= self.drive.first:  # as odometry has it
+            noise = noise + self.drive.step(*sorted((before.start, edge.start))).covariance
+        error = difference(goal @ step.moved, self.pose(edge.start) @ edge.moved)
         return bool(error @ np.linalg.solve(noise, error) <= ROBUST.inlier)
 
 

@@ -21,7 +21,7 @@ from convseq_ros.pose_graph.problem import Problem
 from convseq_ros.pose_graph.solver import Solver
 import numpy as np
 
-Place = tuple[int, Matrix]  # a keyframe, counted over all drives from 1 on, and the pose since it
+Place = tuple[int, Matrix]  # a keyframe's node, over all drives from 1 on, and the pose since it
 _MAP = 0  # node at the origin of the map, from which absolute poses are measured
 
 
@@ -64,17 +64,18 @@ class PoseGraph:
 
     def _begin(self) -> None:
         """Begin a drive, and solve all anew."""
-        self.running, self._is_paused = Odometry(self.config), False
+        first = 1 + sum(len(drive.keyframes) for drive in self.earlier)
+        self.running, self._is_paused = Odometry(self.config, first), False
         # Whether the running drive is in the frame of the map.
         self._is_aligned = not (self.earlier or self.in_map)
         self._move = np.eye(4)  # correction of its newest keyframe
         # The keyframe that was solved last, and its covariance (6, 6), in its axes.
-        self._solved, self._spread = 0, np.zeros((6, 6))
+        self._solved, self._spread = first, np.zeros((6, 6))
         self._nodes: list[int] = []  # ascending
         self._steps: list[Edge] = []
         self._solver = Solver()
         self._solution: Solution | None = None
-        self._carried = Carried(self.running, self._first(self.running), self._pose)
+        self._carried = Carried(self.running, self._pose)
 
     def add_odometry(
         self, stamp_ns: int, pose: Matrix, told: tuple[float, float] | None = None
@@ -99,12 +100,12 @@ class PoseGraph:
 
     def _next_drive(self) -> None:
         """Begin another drive; the running one stays if closures may refer to it: in a map."""
-        first, count = self._first(self.running), len(self.running.keyframes)
-        end = first + (count if self.running.sessions else 0)
+        nodes, stays = self.running.nodes, bool(self.running.sessions)
+        end = nodes.stop if stays else nodes.start
         self.nodes = {node: at for node, at in self.poses().items() if node < end}
         placed = [(key, one, one.edge) for key, one in self.known.items()]
         self.known = {key: one for key, one, edge in placed if edge and edge.end < end}
-        if self.running.sessions and count:
+        if stays and nodes:
             self.earlier.append(self.running)
         self._begin()
 
@@ -182,11 +183,11 @@ class PoseGraph:
         if not again:
             self._loosen()
         links = [one for one in self.known.values() if one.edge]
-        held = {self._first(drive): LIVE.loose for drive in self.drives}
+        held = {drive.first: LIVE.loose for drive in self.drives}
         if self.earlier or not any(one.edge and one.edge.start == _MAP for one in links):
             held[1] = ROBUST.held
-        held[_MAP], first = ROBUST.held, self._first(self.running)
-        return Problem(new, self.poses, [*self._steps], links, held, first, self._solver)
+        held[_MAP], steps = ROBUST.held, [*self._steps]
+        return Problem(new, self.poses, steps, links, held, self.running.first, self._solver)
 
     @property
     def is_breaking(self) -> bool:
@@ -195,24 +196,21 @@ class PoseGraph:
 
     def _loosen(self) -> None:
         """Let odometry break where closures say so, and nowhere else; such a graph is new."""
-        drive, first, breaks = self.running, self._first(self.running), self._carried.breaks()
+        drive, breaks = self.running, self._carried.breaks()
         changed = breaks.keys() ^ drive.breaks
         if not changed:
             return
         nodes, drive.breaks = self.poses(), {*breaks}
-        for number in sorted(changed):
-            at = bisect_left(self._nodes, first + number)
+        for keyframe in sorted(changed):
+            at = bisect_left(self._nodes, keyframe)
             before, node = self._nodes[at - 1], self._nodes[at]
-            moved = nodes[before] @ drive.step(before - first, node - first, first).moved
-            if one := breaks.get(number):  # what follows is where its first closure says
+            moved = nodes[before] @ drive.step(before, node).moved
+            if one := breaks.get(keyframe):  # what follows is where its first closure says
                 moved = nodes[one.start] @ one.moved @ inverse(nodes[one.end]) @ nodes[node]
             move = moved @ inverse(nodes[node])
             nodes |= {after: move @ nodes[after] for after in self._nodes[at:]}
         self._steps = [
-            drive.edge(step.start - first, step.end - first, first)
-            if step.start >= first
-            else step
-            for step in self._steps
+            drive.edge(*step.ends) if step.start >= drive.first else step for step in self._steps
         ]
         self._solver = Solver()
 
@@ -225,8 +223,7 @@ class PoseGraph:
         """Make nodes of new keyframes; `wanted` ones are nodes in any case."""
         found = dict[int, Matrix]()
         for drive in self.drives:
-            first = self._first(drive)
-            end = first + len(drive.keyframes)
+            first, end = drive.nodes.start, drive.nodes.stop
             old = self._nodes[bisect_left(self._nodes, first) : bisect_left(self._nodes, end)]
             least, new = old[-1] if old else first - 1, list[int]()
             for node in range(least + 1, end):
@@ -235,12 +232,12 @@ class PoseGraph:
                     new.append(node)
             fresh = [node for node in new if node not in self.nodes]
             if drive is self.running:
-                poses = [self._move @ drive.keyframe(node - first) for node in fresh]
+                poses = [self._move @ drive.keyframe(node) for node in fresh]
             else:
-                poses = [*self.corrected(drive, [node - first for node in fresh])]
+                poses = [*self.corrected(drive, fresh)]
             found |= dict(zip(fresh, poses, strict=True))
             ends = pairwise([*old[-1:], *new])
-            self._steps += [drive.edge(a - first, b - first, first) for a, b in ends]
+            self._steps += [drive.edge(*both) for both in ends]
             self._nodes += new
         self.nodes |= found
         return found
@@ -273,28 +270,28 @@ class PoseGraph:
         self._is_aligned |= outside >= LIVE.agreeing
         self._solution = solution
         if (node := self._nodes[-1]) >= first:
-            self._move = solution.pose(node) @ inverse(self.running.keyframe(node - first))
+            self._move = solution.pose(node) @ inverse(self.running.keyframe(node))
             if solution.spread is not None:
-                self._solved, self._spread = node - first, solution.spread
+                self._solved, self._spread = node, solution.spread
         return changed
 
-    def corrected(self, drive: Odometry, numbers: Sequence[int] | None = None) -> Matrix:
+    def corrected(self, drive: Odometry, asked: Sequence[int] | None = None) -> Matrix:
         """Return the poses (n, 4, 4) of a drive's keyframes; between solved ones they blend."""
-        first, count = self._first(drive), len(drive.keyframes)
-        wanted = np.arange(count) if numbers is None else np.array(numbers, int)
-        poses = np.array([drive.keyframe(int(at)) for at in wanted]).reshape(-1, 4, 4)
+        wanted = np.array(drive.nodes if asked is None else asked, int)
+        poses = np.array([drive.keyframe(node) for node in wanted.tolist()]).reshape(-1, 4, 4)
         nodes = self.poses()
-        fixed = np.array(sorted(n - first for n in nodes if first <= n < first + count))
+        fixed = np.array(sorted(node for node in nodes if node in drive.nodes))
         if not len(fixed) or not len(wanted):
             return poses
         after = np.searchsorted(fixed, wanted, 'right')
         ends = np.clip([after - 1, after], 0, len(fixed) - 1)
         used, ends = np.unique(ends.ravel(), return_inverse=True)
         fixed, (before, after) = fixed[used], ends.reshape(2, -1)
-        moves = np.array([nodes[first + at] @ inverse(drive.keyframe(int(at))) for at in fixed])
+        moves = np.array([nodes[at] @ inverse(drive.keyframe(at)) for at in fixed.tolist()])
         spread = drive.variances().sum(axis=1)
-        starts, ends = spread[fixed[before]], spread[fixed[after]]
-        share = ((spread[wanted] - starts) / np.maximum(ends - starts, 1e-12)).clip(0, 1)
+        ends = fixed[before], fixed[after]
+        start, end, here = (spread[at - drive.first] for at in (*ends, wanted))
+        share = ((here - start) / np.maximum(end - start, 1e-12)).clip(0, 1)
         share = share[:, None, None]
         result = (1 - share) * (moves[before] @ poses) + share * (moves[after] @ poses)
         left, _, right = np.linalg.svd(result[:, :3, :3])  # the nearest rotation
@@ -308,9 +305,10 @@ class PoseGraph:
         Of more than `most` it is every n-th, and the newest.
         """
         count = len(self.running.keyframes)
-        numbers = range(count - 1, -1, -max(1, math.ceil(count / (most or count or 1))))[::-1]
-        stamps = [self.running.keyframe_ns(at) for at in numbers]
-        return [*zip(stamps, self.corrected(self.running, numbers), strict=True)]
+        step = max(1, math.ceil(count / (most or count or 1)))
+        nodes = self.running.nodes[::-step][::-1]
+        stamps = [self.running.keyframe_ns(node) for node in nodes]
+        return [*zip(stamps, self.corrected(self.running, nodes), strict=True)]
 
     @property
     def counts(self) -> dict[str, Any]:
@@ -345,27 +343,25 @@ class PoseGraph:
     @property
     def _refused(self) -> list[Known]:
         """The newest closures, newest first, up to one that is kept."""
-        first = self._first(self.running)
         solved = [
             one
             for one in self.known.values()
-            if one.edge and one.kept is not None and one.edge.end >= first
+            if one.edge and one.kept is not None and one.edge.end >= self.running.first
         ]
         solved.sort(key=lambda one: one.closure.query_ns, reverse=True)
         return [*takewhile(lambda one: not one.kept, solved)]
 
     def lose(self) -> None:
         """Take note that the robot is lost: its odometry may break here."""
-        self.running.hints.append(len(self.running.keyframes))
+        self.running.hints.append(self.running.nodes.stop)
 
     def whole(self) -> tuple[dict[int, Matrix], list[Edge], dict[int, int]]:
         """Return the corrected keyframes of all drives by node, all edges, and stamps by node."""
         poses, edges, stamps_ns = dict[int, Matrix](), list[Edge](), dict[int, int]()
         for drive in self.drives:
-            nodes = self.nodes_of(drive)
-            poses |= zip(nodes, self.corrected(drive), strict=True)
-            edges += [drive.edge(at, at + 1, nodes.start) for at in range(len(nodes) - 1)]
-            stamps_ns |= {node: drive.keyframe_ns(at) for at, node in enumerate(nodes)}
+            poses |= zip(drive.nodes, self.corrected(drive), strict=True)
+            edges += [drive.edge(*both) for both in pairwise(drive.nodes)]
+            stamps_ns |= {node: drive.keyframe_ns(node) for node in drive.nodes}
         kept = (one.edge for one in self.known.values() if one.edge and one.kept)
         edges += (edge for edge in kept if edge.start in poses)
         return poses, edges, stamps_ns
@@ -374,23 +370,13 @@ class PoseGraph:
     def linked(self) -> list[Odometry]:
         """The drives that closures bring into one frame, that of the first one that has any."""
         drives = self.drives
-        firsts = [self._first(drive) for drive in drives]
+        firsts = [drive.first for drive in drives]
         kept = [one.edge for one in self.known.values() if one.edge and one.kept]
         pairs = [[bisect_right(firsts, end) - 1 for end in edge.ends] for edge in kept]
         found = {min(map(min, pairs))} if pairs else set[int]()
         while more := [pair for pair in pairs if found & {*pair} and not found >= {*pair}]:
             found.update(*more)
         return [drives[number] for number in sorted(found)]
-
-    def nodes_of(self, drive: Odometry) -> range:
-        """Return the nodes of a drive's keyframes."""
-        first = self._first(drive)
-        return range(first, first + len(drive.keyframes))
-
-    def _first(self, drive: Odometry) -> int:
-        """Return the node of a drive's first keyframe."""
-        drives = self.drives
-        return 1 + sum(len(one.keyframes) for one in drives[: drives.index(drive)])
 
     def _places(self, one: Known) -> tuple[Closure, Place, Place] | None:
         """Return a closure as it is used, with its reference and query; None if one is unknown."""
@@ -406,9 +392,8 @@ class PoseGraph:
             moved[:3, 3] = covariance[:3] = covariance[:, :3] = 0
             covariance[:3, :3] = np.eye(3) * self.config.closure_sigma_m**2
             closure = replace(closure, moved=moved, covariance=covariance)
-        query = found and (self._first(self.running) + found[0], found[1])
-        if query and reference and query[0] != reference[0]:
-            return closure, reference, query
+        if found and reference and found[0] != reference[0]:
+            return closure, reference, found
         first_ns, newest_ns = self.running.stamps[0], self.running.stamps[-1]
         if max(first_ns - closure.query_ns, closure.query_ns - newest_ns) > LIVE.patience_ns:
             self.apart_ns = closure.query_ns, newest_ns
@@ -428,9 +413,9 @@ class PoseGraph:
         """Return the node before a place, and the pose (4, 4) since it, with its covariance."""
         if keyframe == _MAP:
             return _MAP, since, np.zeros((6, 6))
-        drive = next(one for one in reversed(self.drives) if self._first(one) <= keyframe)
-        first, node = self._first(drive), self._nodes[bisect_right(self._nodes, keyframe) - 1]
-        step = drive.edge(node - first, keyframe - first, first)
+        drive = next(one for one in reversed(self.drives) if one.first <= keyframe)
+        node = self._nodes[bisect_right(self._nodes, keyframe) - 1]
+        step = drive.edge(node, keyframe)
         return node, step.moved @ since, step.covariance
 
     def _reference(self, closure: Closure) -> Place | None:
@@ -438,6 +423,5 @@ class PoseGraph:
         for drive in self.drives:
             is_running = drive is self.running and not closure.session
             if is_running or closure.session in drive.sessions:
-                place = drive.place(closure.reference_ns)
-                return place and (self._first(drive) + place[0], place[1])
+                return drive.place(closure.reference_ns)
         return None

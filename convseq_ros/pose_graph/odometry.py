@@ -41,13 +41,16 @@ class Odometry:
     """
     Poses of a drive, continuous in a frame of their own, and the keyframes among them.
 
+    Keyframes are named by their nodes in a graph, from `first` on.
+
     When odometry is reset, the robot stays where it is: `bridge` (4, 4) is the pose of the frame
     of odometry, as it is now, in the frame of the drive. `spread` are the variances of the
-    keyframes, position (m2) and heading (rad2), since the start of the drive. Before the keyframes
-    in `breaks` the motion is unknown; before those in `hints` it may be.
+    keyframes, position (m2) and heading (rad2), since the start of the drive. Before the nodes in
+    `breaks` the motion is unknown; before those in `hints` it may be.
     """
 
-    def __init__(self, config: PoseGraphConfig) -> None:
+    def __init__(self, config: PoseGraphConfig, first: int = 1) -> None:
+        self.first = first
         self.sessions = set[str]()  # ids of those of the map that it makes: one for each start
         self.bridge, self.resets = np.eye(4), 0
         self.stamps, self.poses, self.keyframes = list[int](), list[Matrix](), list[int]()
@@ -57,6 +60,11 @@ class Odometry:
         self._is_passing = False  # whether the next pose replaces the newest one
         self._distance_m = self._lost_m2 = self._lost_rad2 = 0.0
         self._told: tuple[float, float] | None = None  # variances of the last keyframe's message
+
+    @property
+    def nodes(self) -> range:
+        """The nodes of the keyframes."""
+        return range(self.first, self.first + len(self.keyframes))
 
     def goes_on(self, stamp_ns: int, raw: Matrix) -> bool:
         """Return whether a pose after a pause may be of this drive: soon, and no further."""
@@ -103,7 +111,7 @@ class Odometry:
         if not _is_near(self._raw, raw, furthest_m, furthest_rad):
             self.bridge = self.poses[-1] @ inverse(raw)
             self.resets += 1
-            self.hints.append(len(self.keyframes))
+            self.hints.append(self.nodes.stop)
             self._lost_m2, self._lost_rad2 = ODOMETRY.lost_m**2, ODOMETRY.lost_rad**2
             self._told = None
 
@@ -117,7 +125,7 @@ class Odometry:
         told = told if told and np.isfinite(told).all() else None
         if self.spread:
             metres, radians = self._config.odometry_sigma_m, self._config.odometry_sigma_rad
-            passed_s = (self.stamps[-1] - self.keyframe_ns(-1)) / 1e9
+            passed_s = (self.stamps[-1] - self.stamps[self.keyframes[-1]]) / 1e9
             self._fastest_mps = max(self._fastest_mps, self._distance_m / passed_s)
             distance_m = max(0.1, self._distance_m)
             grown = metres**2 * distance_m, radians**2 * distance_m
@@ -155,18 +163,18 @@ class Odometry:
         return np.asarray(first @ part)
 
     def place(self, stamp_ns: int) -> tuple[int, Matrix] | None:
-        """Return the number of the last keyframe before a time, and the pose (4, 4) since it."""
+        """Return the last keyframe before a time, and the pose (4, 4) since it."""
         if (pose := self.at(stamp_ns)) is None:
             return None
         sample = bisect_right(self.stamps, stamp_ns) - 1
-        number = bisect_right(self.keyframes, sample) - 1
-        return number, inverse(self.keyframe(number)) @ pose
+        node = self.first + bisect_right(self.keyframes, sample) - 1
+        return node, inverse(self.keyframe(node)) @ pose
 
-    def since(self, number: int) -> tuple[Matrix, Matrix]:
+    def since(self, node: int) -> tuple[Matrix, Matrix]:
         """Return the motion (3,) from a keyframe until now, in its axes, and its covariance."""
-        start = self.keyframe(number)
-        grown = np.diff(self.variances()[number:], axis=0)
-        places = np.array([self.keyframe(at)[:3, 3] for at in range(number, len(self.keyframes))])
+        start, later = self.keyframe(node), range(node, self.nodes.stop)
+        grown = np.diff(self.variances()[node - self.first :], axis=0)
+        places = np.array([self.keyframe(at)[:3, 3] for at in later])
         arms_m = self._newest[:3, 3] - places[:-1]  # on which an error of a heading acts
         metres2, radians2 = grown.sum(axis=0).tolist()
         metres2 += float(grown[:, 1] @ (arms_m**2).sum(axis=1))
@@ -174,37 +182,40 @@ class Odometry:
         radians2 += self._config.odometry_sigma_rad**2 * self._distance_m
         return inverse(start)[:3] @ self._newest[:, 3], np.diag([metres2] * 3 + [radians2] * 3)
 
-    def keyframe(self, number: int) -> Matrix:
+    def keyframe(self, node: int) -> Matrix:
         """Return the pose (4, 4) of a keyframe."""
-        return self.poses[self.keyframes[number]]
+        return self.poses[self.keyframes[node - self.first]]
 
-    def keyframe_ns(self, number: int) -> int:
+    def keyframe_ns(self, node: int) -> int:
         """Return the time of a keyframe."""
-        return self.stamps[self.keyframes[number]]
+        return self.stamps[self.keyframes[node - self.first]]
 
-    def edge(self, start: int, end: int, first: int) -> Edge:
-        """Return the motion between two keyframes; `first` is the first keyframe's node."""
-        step = self.step(start, end, first)
-        if not any(start < number <= end for number in self.breaks):
+    def edge(self, start: int, end: int) -> Edge:
+        """Return the motion between two keyframes."""
+        step = self.step(start, end)
+        if not any(start < node <= end for node in self.breaks):
             return step
         unknown = np.diag([ODOMETRY.carried_m**2] * 3 + [ODOMETRY.carried_rad**2] * 3)
         return replace(step, covariance=step.covariance + unknown)
 
     def variances(self) -> Doubles:
         """Return `spread`, (n, 2), with what is unknown at breaks."""
-        broken = np.bincount([*self.breaks], minlength=len(self.spread)).cumsum()
+        numbers = [node - self.first for node in self.breaks]
+        broken = np.bincount(numbers, minlength=len(self.spread)).cumsum()
         unknown = np.square((ODOMETRY.carried_m, ODOMETRY.carried_rad))
         return np.reshape(self.spread, (-1, 2)) + broken[:, None] * unknown
 
-    def step(self, start: int, end: int, first: int) -> Edge:
+    def step(self, start: int, end: int) -> Edge:
         """Return the motion between two keyframes as odometry has it, also across a break."""
         moved = inverse(self.keyframe(start)) @ self.keyframe(end)
-        (metres, radians), (more_m2, more_rad2) = self.spread[start], self.spread[end]
+        (metres, radians), (more_m2, more_rad2) = (
+            self.spread[node - self.first] for node in (start, end)
+        )
         turned = more_rad2 - radians
         # An error of the heading half-way moves the end aside.
         position = more_m2 - metres + turned * float(moved[:3, 3] @ moved[:3, 3]) / 3
         covariance = np.diag([position] * 3 + [turned] * 3)
-        return Edge(first + start, first + end, moved, covariance, False)
+        return Edge(start, end, moved, covariance, False)
 
 
 def _is_near(first: Matrix, second: Matrix, metres: float, radians: float) -> bool:

@@ -99,11 +99,11 @@ def solved(stored: ReferenceMap) -> SolvedMap:
     graph = graph_of(stored, config)
     places, linked = dict[int, Matrix](), set[int]()
     for drive in graph.linked:
-        linked.update(graph.nodes_of(drive))
+        linked.update(drive.nodes)
         keyframes = graph.corrected(drive)
         for at in posed:
             if session[at] in drive.sessions and (found := drive.place(times[at])):
-                places[at] = keyframes[found[0]] @ found[1]
+                places[at] = keyframes[found[0] - drive.first] @ found[1]
     vertices, edges, vertex_times = graph.whole()
     real = {time: stamps_ns[at] for at, time in times.items()}
     stamps = {vertex: real.get(time, time) for vertex, time in vertex_times.items()}

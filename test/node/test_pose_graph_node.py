@@ -197,7 +197,7 @@ def test_a_localised_robot_that_is_lost_may_have_been_carried(graph_node):
     drive(node, last=10)
     for state in ('lost', 'localised', 'candidate', 'lost', 'localised'):
         node._on_localization(DiagnosticStatus(message=state))
-    assert node._graph.running.hints == [11]
+    assert node._graph.running.hints == [12]
 
 
 def test_files_are_written_by_the_service_and_at_the_end(client, graph_node, tmp_path):

@@ -69,7 +69,7 @@ def test_a_graph_from_the_map_goes_on_where_the_killed_one_was(stored):
     driven(DRIFTED[-18:-16], graph, len(DRIFTED) - 18)
     assert np.allclose(graph.correction, killed.correction, atol=1e-3)
     assert graph.counts['kept'] == killed.counts['kept'] == 12
-    assert not graph.earlier and graph.running.hints == [len(DRIFTED) - 20]
+    assert not graph.earlier and graph.running.hints == [len(DRIFTED) - 19]
     # A closure with a place of before the kill counts.
     driven(DRIFTED[-16:], graph, len(DRIFTED) - 16)
     graph.add_closure(late := closure(LAP + 71, 71))

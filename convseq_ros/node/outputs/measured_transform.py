@@ -6,10 +6,9 @@ import math
 from threading import Lock
 
 from convseq_ros.config.node_config import NodeConfig
-from convseq_ros.core.rigid import inverse, Matrix, matrix, turned_by
+from convseq_ros.core.rigid import difference, inverse, Matrix, matrix, turned_by
 from convseq_ros.core.types import constants, Frame, Match, PoseEstimate
 from convseq_ros.node.outputs.map_to_odom import MapToOdom
-import cv2
 import numpy as np
 from rclpy.node import Node
 
@@ -61,7 +60,7 @@ class MeasuredTransform:
                 return
             before = self._covariance + self._drift(base)
             expected = self._moved @ base
-            off = _difference(expected, goal)
+            off = difference(expected, goal)
             total = before + noise
             if off @ np.linalg.solve(total, off) > DRIFT.gate:
                 self._outside, self._off = self._outside + 1, off
@@ -115,12 +114,6 @@ class MeasuredTransform:
             'map_to_odom_sigma_m': metres,
             'map_to_odom_sigma_rad': radians,
         }
-
-
-def _difference(first: Matrix, second: Matrix) -> Matrix:
-    """Return the motion (6,) from one pose to another, in the first one's axes."""
-    moved = inverse(first) @ second
-    return np.r_[moved[:3, 3], cv2.Rodrigues(moved[:3, :3])[0].ravel()]
 
 
 def _motion(numbers: Matrix) -> Matrix:
