@@ -8,7 +8,14 @@ from pathlib import Path
 import sys
 import time
 
-from convseq_ros.cli.processes import need_ros, running, sender_arguments, wait_for_rows
+from convseq_ros.cli.processes import (
+    need_ros,
+    node_arguments,
+    PATIENT,
+    running,
+    sender_arguments,
+    wait_for_rows,
+)
 from convseq_ros.core.types import Doubles, Vector
 from convseq_ros.errors import ConvseqError
 from convseq_ros.pose_graph.optimisation import need_gtsam
@@ -16,15 +23,11 @@ from convseq_ros.simulation.town import record
 from convseq_ros.sources.recording import read_poses
 import numpy as np
 
-# As in launch/slam.launch.py; the others let a busy machine lose no frame.
-VPR = {
-    'mode': 'online', 'closure_interval_s': 2.0,
-    'queue_size': 1000, 'max_wait_s': 0.0, 'odom_wait_s': 2.0,
-}  # fmt: skip
+# As in launch/slam.launch.py.
+VPR = {'mode': 'online', 'closure_interval_s': 2.0, **PATIENT}
 _RATE = 3.0
 _END_S, _STALLED_S, _POLL_S = 60.0, 60.0, 0.2
 _FALSE, _APART_M, _APART_NS = 6, 20.0, 30_000_000_000
-_GRAPH = '-m', 'convseq_ros.node.pose_graph_node'
 _FALSE_CLOSURES = '-m', 'convseq_ros.node.outputs.false_closures'
 
 Truth = Mapping[int, Vector]  # position in metres, by the stamps of odometry
@@ -66,9 +69,9 @@ def play(
     between.
     """
     table = folder / 'vpr_node.csv'
-    vpr = ['-m', 'convseq_ros.node.vpr_node', *_words({**settings, 'result_file': table})]
+    vpr = node_arguments('vpr_node', {**settings, 'result_file': table})
     files = {'tum_file': folder / 'trajectory.txt', 'g2o_file': folder / 'graph.g2o'}
-    graph = [*_GRAPH, *_words(files)]
+    graph = node_arguments('pose_graph_node', files)
     drive = sender_arguments(folder / 'drive', rate)
     sender = [*_FALSE_CLOSURES, *(str(at) for pair in false for at in pair)]
     with (
@@ -131,8 +134,3 @@ def _aligned(path: Doubles, real: Doubles) -> Doubles:
     left, _, right = np.linalg.svd((real - goal).T @ (path - centre))
     flip = np.diag((1.0, np.sign(np.linalg.det(left @ right))))
     return np.asarray((path - centre) @ (left @ flip @ right).T + goal)
-
-
-def _words(settings: Mapping[str, object]) -> list[str]:
-    """Return a node's parameters as arguments of a command."""
-    return ['--ros-args', *(w for name in settings for w in ('-p', f'{name}:={settings[name]}'))]

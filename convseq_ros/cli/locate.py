@@ -23,6 +23,7 @@ from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.folder import FRAME_INTERVAL_NS, unreadable
 from convseq_ros.sources.images import gray_of, read_picture
+from convseq_ros.sources.source import Lines
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -71,7 +72,7 @@ def _frames(
 ) -> list[Frame]:
     """Return the images as a camera would have sent them."""
     reading = recognizer.config.reading
-    frames, told = [], list[str]()
+    frames, told = [], Lines()
     for number, path in enumerate(images, 1):
         if path.is_dir():
             raise SourceError(f'{path}: a folder; give its last few pictures, or use replay')

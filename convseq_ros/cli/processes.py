@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs nodes as separate processes in a private ROS domain, and reads their result table."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from importlib.util import find_spec
@@ -20,6 +20,8 @@ from convseq_ros.node.process import fast_dds, LARGE_IMAGES
 
 # Topics of drawn recordings.
 IMAGE, ODOM, CAMERA_INFO = '/camera/image_raw', '/odom', '/camera/camera_info'
+# A busy machine loses no frame.
+PATIENT: dict[str, object] = {'queue_size': 1000, 'max_wait_s': 0.0, 'odom_wait_s': 2.0}
 _END_S = 10.0
 _STALLED_S = 20.0
 
@@ -36,10 +38,8 @@ def recognise_live(
     need_ros()
     table = folder / 'live.csv'
     table.unlink(missing_ok=True)  # of an earlier demo; the node would keep it
-    files = f'map_path:={map_path.absolute()}', f'result_file:={table.absolute()}'
-    node = ['-m', 'convseq_ros.node.vpr_node', '--ros-args']
-    for setting in (*files, 'queue_size:=1000', 'max_wait_s:=0.0', 'odom_wait_s:=2.0'):
-        node += ['-p', setting]
+    files = {'map_path': map_path.absolute(), 'result_file': table.absolute()}
+    node = node_arguments('vpr_node', PATIENT | files)
     sender = sender_arguments(recording, rate)
     with (
         running('vpr_node', node, folder, _END_S) as process,
@@ -89,6 +89,12 @@ def need_ros(user: str = '') -> None:
     """Raise a ConvseqError that says how to install ROS, which `user` needs, if it is missing."""
     if find_spec('rclpy') is None:
         raise ConvseqError(f'{user}: {NEEDS_ROS}' if user else NEEDS_ROS)
+
+
+def node_arguments(name: str, settings: Mapping[str, object]) -> list[str]:
+    """Return Python's arguments to run a node with parameters."""
+    words = (word for key in settings for word in ('-p', f'{key}:={settings[key]}'))
+    return ['-m', f'convseq_ros.node.{name}', '--ros-args', *words]
 
 
 def sender_arguments(recording: Path, rate: float) -> list[str]:

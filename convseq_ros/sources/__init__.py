@@ -19,9 +19,9 @@ from convseq_ros.sources.mount import (
     as_parameter,
     mount_of,
     OdometryFrame,
-    problem_of_lens,
     StaticTransforms,
     Tf,
+    told_mount,
 )
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
 from convseq_ros.sources.pose_track import PoseTrack
@@ -148,17 +148,13 @@ def _mount(
         said = '' if tf.camera_to_base else '; name another --base-frame, or give --camera-to-base'
         tf.tell(f'{path}: /tf_static has no way from {tf.base_frame} to {optical_frame}{said}')
         return None
-    if not tf.camera_to_base and (line := problem_of_lens(lens, optical_frame)):
-        tf.tell(f'{path}: {line}')
-        return None
-    mount = mount_of(lens)
-    at = f'"{as_parameter(mount)}"'
     if tf.camera_to_base:
+        at = f'"{as_parameter(mount_of(lens))}"'
         placed = f'/tf_static places {optical_frame} at {at} in {tf.base_frame}'
         tf.tell(f'{path}: {placed}; camera_to_base was given and counts')
         return None
-    placed = f'as /tf_static places {optical_frame} in {tf.base_frame}'
-    tf.tell(f'{path}: camera_to_base is {at}, {placed}')
+    mount, line = told_mount(lens, optical_frame, tf.base_frame, '/tf_static')
+    tf.tell(f'{path}: {line}')
     return mount
 
 

@@ -43,19 +43,14 @@ class AnnotatedFrames:
             if self.camera_of and frame.gray is not None:
                 if described is None:
                     described = replace(self.camera_of(*frame.gray.shape), mount=self.mount)
-                    self._warn(misfit(described, *frame.gray.shape))
+                    self.warnings.add(misfit(described, *frame.gray.shape))
                 camera = fitted(described, *frame.gray.shape)
             yield replace(frame, pose=pose, camera=camera)
         if self.poses_of and 2 * with_pose <= index:
             of_images = f'{with_pose or "no"} pose{"s" * (with_pose > 1)} at the times of'
-            self._warn(
+            self.warnings.add(
                 f'{self.poses_of} has {of_images} {index + 1} images; check that it covers the '
                 'drive, that both clocks agree, and that poses are at most 1.5 s apart'
             )
         if line := motion.problem:
-            self._warn(f'{self.poses_of}: {line}')
-
-    def _warn(self, line: str) -> None:
-        """Add a line to the warnings, once; an empty one is none."""
-        if line and line not in self.warnings:
-            self.warnings.append(line)
+            self.warnings.add(f'{self.poses_of}: {line}')

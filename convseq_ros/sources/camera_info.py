@@ -13,6 +13,7 @@ from convseq_ros.config.reading_config import AS_YAML, ReadingConfig
 from convseq_ros.core.types import are_proportional, Camera, COEFFICIENTS
 from convseq_ros.errors import ConfigError, one_line, SourceError
 from convseq_ros.io.files import read_text, read_yaml
+from convseq_ros.sources.source import Lines
 
 _PROJECTION = 12  # numbers of a 3 x 4 matrix
 _COLUMNS = {9: 3, 12: 4, 16: 4}  # by the numbers of a matrix
@@ -27,7 +28,7 @@ def read_camera_file(
     height: int,
     width: int,
     reading: ReadingConfig = ReadingConfig(),
-    warnings: list[str] | None = None,
+    warnings: Lines | None = None,
 ) -> Camera:
     """
     Return the camera that a file describes, for images of a height and width; or SourceError.
@@ -56,7 +57,7 @@ def read_camera_file(
     if camera is None:
         raise SourceError(f'{path}: the camera is not calibrated: its matrices are zero')
     if warnings is not None and (line := correction(info, camera)):
-        warnings += [] if (said := f'{path}: {line}') in warnings else [said]
+        warnings.add(f'{path}: {line}')
     return camera
 
 

@@ -13,6 +13,7 @@ from convseq_ros.core.types import Frame
 from convseq_ros.errors import ImageError, printable, SourceError
 from convseq_ros.sources.images import gray_of, read_picture
 from convseq_ros.sources.raw_message import MAX_STAMP_NS
+from convseq_ros.sources.source import Lines
 from convseq_ros.sources.topic_rank import shows_no_picture
 
 IMAGE_SUFFIXES = frozenset(
@@ -82,7 +83,7 @@ class ImageFolder:
         self._reading = reading
         self.name = printable(path.resolve().name)
         self.topic = ''
-        self.warnings: list[str] = []
+        self.warnings = Lines()
         self._keep_one_camera(path)
         self.stamps_ns = self._stamps(path, rate_hz)
 

@@ -39,14 +39,16 @@ def mount_of(lens: Pose) -> Pose:
     return pose_of(matrix(lens) @ inverse(ROBOT_LENS))
 
 
-def problem_of_lens(lens: Pose, frame: str) -> str:
-    """Return a line if a lens frame has its z up, as a body's frame has it; else nothing."""
-    if matrix(lens)[2, 2] < _UP:
-        return ''
-    return (
-        f'{frame} is no optical frame, whose z is ahead: the lens would look straight up, so it '
-        'is not used; give camera_info the optical frame, or set camera_to_base'
-    )
+def told_mount(lens: Pose, frame: str, base_frame: str, by: str) -> tuple[Pose | None, str]:
+    """Return the mount of a lens frame, None if its z is up as of a body, and a line on it."""
+    if matrix(lens)[2, 2] >= _UP:
+        return None, (
+            f'{frame} is no optical frame, whose z is ahead: the lens would look straight up, so '
+            'it is not used; give camera_info the optical frame, or set camera_to_base'
+        )
+    mount = mount_of(lens)
+    at = as_parameter(mount)
+    return mount, f'camera_to_base is "{at}", as {by} places {frame} in {base_frame}'
 
 
 class StaticTransforms:

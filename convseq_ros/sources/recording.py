@@ -17,6 +17,7 @@ from convseq_ros.sources.images import gray_of, message_pixels
 from convseq_ros.sources.mount import OdometryFrame, StaticTransforms
 from convseq_ros.sources.pose_track import odometry_from_message, pose_from_message
 from convseq_ros.sources.raw_message import IMAGE_TYPES, RawMessage, STAMP_END
+from convseq_ros.sources.source import Lines
 from convseq_ros.sources.stamps import FIRST, useless
 from convseq_ros.sources.storage import open_storage
 from convseq_ros.sources.topics import (
@@ -48,7 +49,8 @@ class TopicMessages:
         option: str,
         reading: ReadingConfig = ReadingConfig(),
     ) -> None:
-        self.storages, self.warnings = open_storage(path, reading)
+        self.storages, lines = open_storage(path, reading)
+        self.warnings = Lines(lines)
         topics = merge_topics(storage.topics for storage in self.storages)
         self.chosen = choose_topic(path, topics, topic, types, option)
         self._path = path
@@ -80,13 +82,9 @@ class TopicMessages:
 
     def _recorded(self) -> Iterator[RawMessage]:
         for storage in self.storages:
-            for message in storage.messages(self.chosen.name, self._note_loss):
+            for message in storage.messages(self.chosen.name, self.warnings.add):
                 if message.type_name == self.chosen.type_name:
                     yield message
-
-    def _note_loss(self, line: str) -> None:
-        if line not in self.warnings:
-            self.warnings.append(line)
 
 
 class Recording:
@@ -110,7 +108,7 @@ class Recording:
             if storage.damage:
                 saved = storage.topics.get(self.topic)
                 count = saved.count if saved else 0
-                self._warn(f'{storage.damage}; {count} frames of {self.topic} were saved')
+                self.warnings.add(f'{storage.damage}; {count} frames of {self.topic} were saved')
 
     def __len__(self) -> int:
         return self._count
@@ -125,7 +123,7 @@ class Recording:
                 yield Frame(message.stamp_ns, None, self.topic, problem=str(error))
                 continue
             if not (message.header_stamp_ns or self._messages.has_useless_stamps()):
-                self._warn(
+                self.warnings.add(
                     f'{self._path}: images of {self.topic} carry no stamp; '
                     'the time of recording was taken instead'
                 )
@@ -147,14 +145,10 @@ class Recording:
                 'lists is there; record again'
             )
         if count != self._count:
-            self._warn(
+            self.warnings.add(
                 f'{self._path}: {count} images of {self.topic} were read, but its index lists '
                 f'{self._count}; it may be damaged'
             )
-
-    def _warn(self, text: str) -> None:
-        if text not in self.warnings:
-            self.warnings.append(text)
 
 
 def read_poses(

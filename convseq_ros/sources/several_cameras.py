@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import heapq
 
 from convseq_ros.core.types import Frame
-from convseq_ros.sources.source import Source
+from convseq_ros.sources.source import Lines, Source
 
 
 class SeveralCameras:
@@ -15,7 +15,7 @@ class SeveralCameras:
     def __init__(self, sources: Sequence[Source]) -> None:
         self._sources = sources
         self.name, self.topic = sources[0].name, ' '.join(source.topic for source in sources)
-        self.warnings: list[str] = []
+        self.warnings = Lines()
 
     def __len__(self) -> int:
         return sum(map(len, self._sources))

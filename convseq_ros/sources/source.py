@@ -8,12 +8,21 @@ from typing import Protocol
 from convseq_ros.core.types import Frame
 
 
+class Lines(list[str]):
+    """Lines for the user."""
+
+    def add(self, line: str) -> None:
+        """Append a line, once; an empty one is none."""
+        if line and line not in self:
+            self.append(line)
+
+
 class Source(Protocol):
     """A stream of frames that can be read more than once."""
 
     name: str  # of the folder or recording
     topic: str  # of the images; empty for a folder
-    warnings: list[str]  # for the user, one line each; grows while the source is read
+    warnings: Lines  # for the user, one line each; grows while the source is read
 
     def __len__(self) -> int:
         """Return the expected number of frames, by an index or a directory."""

@@ -10,6 +10,7 @@ from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.sources.images import gray_of
 from convseq_ros.sources.raw_message import MAX_STAMP_NS
+from convseq_ros.sources.source import Lines
 import cv2
 import numpy as np
 
@@ -33,7 +34,7 @@ class Video:
         self._path, self._reading = path, reading
         self.name = path.name
         self.topic = ''
-        self.warnings: list[str] = []
+        self.warnings = Lines()
         capture = self._opened()
         width, height = map(capture.get, (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         what = f'{path}: an image of {width:.0f} x {height:.0f} px'
@@ -66,12 +67,10 @@ class Video:
         finally:
             capture.release()
         if count < self._count:
-            warning = (
+            self.warnings.add(
                 f'{self._path}: {count} frames were read, but its header says {self._count}; '
                 'it may be damaged'
             )
-            if warning not in self.warnings:
-                self.warnings.append(warning)
 
     def _counted(self) -> int:
         capture, count = self._opened(), 0

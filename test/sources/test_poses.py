@@ -14,6 +14,7 @@ from convseq_ros.sources import in_order, open_annotated
 from convseq_ros.sources.annotated_frames import AnnotatedFrames
 from convseq_ros.sources.pose_file import read_pose_file
 from convseq_ros.sources.pose_track import pose_from_message, PoseTrack
+from convseq_ros.sources.source import Lines
 import cv2
 from hypothesis import given, strategies
 import numpy as np
@@ -364,7 +365,7 @@ class Shown(list):
 
     def __init__(self, count):
         super().__init__(Frame(at, np.zeros((4, 4), np.uint8)) for at in range(count))
-        self.warnings = []
+        self.warnings = Lines()
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,7 @@ from typing import Any
 
 from convseq_ros.core.types import Pose
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.sources.mount import (
-    as_parameter,
-    mount_of,
-    OdometryFrame,
-    pose_of_transform,
-    problem_of_lens,
-)
+from convseq_ros.sources.mount import OdometryFrame, pose_of_transform, told_mount
 from rclpy.node import Node
 from rclpy.time import Time
 
@@ -39,7 +33,9 @@ class Mount:
                 transform = self._buffer.lookup_transform(*frames).transform
                 lens = pose_of_transform(transform)
                 if lens is not None:
-                    self._poses[optical_frame] = self._told(lens, optical_frame)
+                    mount, line = told_mount(lens, optical_frame, self._base_frame, 'TF')
+                    (self._logger.info if mount else self._logger.warning)(line)
+                    self._poses[optical_frame] = mount
         return self._poses.get(optical_frame)
 
     def base_in(self, frame: str) -> Pose | None:
@@ -56,15 +52,3 @@ class Mount:
         """Return what carries poses of odometry to the base."""
         tell = self._logger.info
         return OdometryFrame(self._base_frame, self.base_in, lambda line: tell(f'odom: {line}'))
-
-    def _told(self, lens: Pose, frame: str) -> Pose | None:
-        """Return the mount of a lens, and tell it; None if its frame is no optical one."""
-        if line := problem_of_lens(lens, frame):
-            self._logger.warning(line)
-            return None
-        mount = mount_of(lens)
-        self._logger.info(
-            f'camera_to_base is "{as_parameter(mount)}", as TF places {frame} in '
-            f'{self._base_frame}'
-        )
-        return mount
