@@ -8,15 +8,14 @@ from functools import partial
 import os
 import time
 
-from convseq_ros.config import MatchingConfig
 from convseq_ros.core.compiled import library
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.similarity.coherent import extract
+from convseq_ros.core.similarity.kernels import coherent_kernel
 from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
-from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.types import Descriptor
 import numpy as np
 
@@ -56,10 +55,10 @@ def measure(work: Work) -> list[Finding]:
         Finding(what='peak of a core, float32', value=float32_peak(), unit='GFLOP/s'),
         Finding(what='peak of a core, int8', value=peak, unit='GOP/s', note=variant),
     ]
-    matcher = Matcher(references, MatchingConfig(threads=1, subtract_background=False), _SALIENCY)
-    extracted = matcher.extract(query)
-    assert extracted
-    run = partial(matcher.scores_of, [(extracted, indices)])
+    kernel = coherent_kernel()
+    prepared = [kernel.prepare(references.cells(index), None) for index in indices.tolist()]
+    extracted = kernel.extract(query, _SALIENCY * ENTROPY.max_bits)
+    run = partial(kernel.compare, extracted, prepared)
     off = float(np.abs(run()[0] - expected).max())
     took_ms = _pair_ms(run, 1 if work.quick else _ROUNDS)
     low, value, high = (float(one) for one in np.percentile(took_ms, (25, 50, 75)))

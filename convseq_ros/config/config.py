@@ -82,7 +82,6 @@ class MatchingConfig(Checked):
         'exhaustive all of them, as in the paper.',
         choices=('exhaustive', 'shortlist'),
     )
-    subtract_background: bool = True  # coherent: ignore features that all images share
     shortlist_length: int = 40  # places by the drive so far; a quarter more by the newest frame
     both_directions: bool = parameter(
         False, 'Whether places are often passed in reverse order, as in reverse gear or by a '

@@ -5,6 +5,7 @@
 import importlib.util
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 from convseq_ros.config import EncodingConfig, MatchingConfig
 from convseq_ros.core.compiled import available
@@ -23,6 +24,7 @@ from convseq_ros.core.similarity.kernels.numpy_coherent import (
     coherent_score,
     less_background,
     normalized,
+    NumpyCoherent,
 )
 from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.types import Descriptor
@@ -121,15 +123,15 @@ def described(cells):
     return Descriptor(cells, np.ones(961, bool), EVERYTHING, 0.5)
 
 
-def matcher(reference_map, **settings):
-    return Matcher(reference_map, MatchingConfig(**settings), 0.5)
+def matcher(reference_map):
+    return Matcher(reference_map, MatchingConfig(), 0.5)
 
 
 def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
     references = [drawn(seed, 0.5) for seed in range(24)]
     query, one = described(drawn(3, 0.6)), matcher(map_of(references))
     found = one.scores_of([(one.extract(query), np.arange(24))])[0]
-    background = Background(map_of(references), normalized, projected_regions)
+    background = Background(map_of(references), NumpyCoherent())
     background.update_map()
     cells = normalized(query.cells)
     regions = projected_regions(cells)
@@ -145,11 +147,13 @@ def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
         assert 0 <= score <= 1
 
 
-def test_subtracting_the_background_lowers_the_scores_of_wrong_places():
+def test_subtracting_the_background_lowers_the_scores_of_wrong_places(monkeypatch):
     reference_map = map_of(drawn(seed, 0.6) for seed in range(40))
     query, found = described(drawn(7, 0.55)), []
     for subtracts in (True, False):
-        one = matcher(reference_map, subtract_background=subtracts)
+        if not subtracts:
+            monkeypatch.setattr(Background, 'update_map', lambda _: False)
+        one = matcher(reference_map)
         scores = one.scores_of([(one.extract(query), np.arange(40))])[0]
         assert scores.argmax() == 7
         found.append(np.delete(scores, 7).mean())
@@ -213,7 +217,8 @@ def lit(seed):
 def background_of(count, blank=()):
     """Return the background of a map of textures, some of them blank, and the map."""
     reference_map = map_of(lit(index) * (index not in blank) for index in range(count))
-    return Background(reference_map, lambda cells: cells, projected_regions), reference_map
+    pair = SimpleNamespace(normalize=lambda cells: cells, project=projected_regions)
+    return Background(reference_map, pair), reference_map
 
 
 def test_a_cell_loses_the_minimum_of_its_bins_and_is_saturated():

@@ -114,18 +114,16 @@ def test_compiled_regions_less_their_background_are_those_of_the_definition(side
 
 
 @pytest.mark.parametrize('side', [3, 7, 32])
-@pytest.mark.parametrize('normalizes', [False, True])
 @pytest.mark.parametrize('subtracts', [False, True])
-def test_many_references_are_prepared_as_one_is(side, normalizes, subtracts):
+def test_many_references_are_prepared_as_one_is(side, subtracts):
     pair = compiled_kernel()
     background = projected_regions(drawn(0, side).cells) if subtracts else None
     packed = [pack_cells(drawn(seed, side).cells * (seed != 2)) for seed in range(1, 5)]
-    found = pair.prepare_packed(packed, normalizes, background)
-    normalize = pair.normalize if normalizes else (lambda cells: cells)
+    found = pair.prepare_packed(packed, background)
     assert found[1] is None
     for one, made in zip(packed, found, strict=True):
         if made is not None:
-            expected = pair.prepare(normalize(unpack_cells(one)), background)
+            expected = pair.prepare(pair.normalize(unpack_cells(one)), background)
             assert made.blocks == expected.blocks and (made.blocks > 0) == subtracts
             panels = [one.panel.view(np.float32) for one in (made, expected)]
             end = made.blocks or len(panels[0])
@@ -178,7 +176,7 @@ background = kernel.project(shown[5].cells)
 own = kernel.subtract(kernel.project(shown[0].cells), background)
 told(kernel.normalize(shown[0].cells), own[0])
 packed = [pack_cells(one.cells) for one in shown[:5]]
-query, many = kernel.extract(shown[0], 4.0, own), kernel.prepare_packed(packed, True, background)
+query, many = kernel.extract(shown[0], 4.0, own), kernel.prepare_packed(packed, background)
 told(*kernel.compare(query, many))
 told(*kernel.compare(query, [kernel.prepare(one.cells, background) for one in shown[:5]]))
 rows = np.random.default_rng(2).normal(0, 1, (100, 252)).astype(np.float16)

@@ -8,11 +8,10 @@ position at every place, right or wrong. Therefore the background is subtracted:
 references, and the drive's from queries, since the same scene looks different at night.
 """
 
-from collections.abc import Callable
-
-from convseq_ros.core.encoding.regions import Cells, Regions
+from convseq_ros.core.encoding.regions import Regions
 from convseq_ros.core.map.place import unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.similarity.coherent import CoherentPair
 from convseq_ros.core.types import constants
 import numpy as np
 
@@ -34,18 +33,11 @@ class Background:
     The backgrounds of a map, `of_map` (N, 32), and of the drive that is matched with it.
 
     It is the mean of up to 256 evenly spread places, computed again whenever the map has doubled.
-    A map of fewer than 20 places has none. `normalize` and `project` are those of a kernel;
-    without them nothing is subtracted, and cells are not normalised.
+    A map of fewer than 20 places has none. The `pair` normalises and projects.
     """
 
-    def __init__(
-        self,
-        reference_map: ReferenceMap,
-        normalize: Callable[[Cells], Cells] | None = None,
-        project: Callable[[Cells], Regions] | None = None,
-    ) -> None:
-        self._map, self._project = reference_map, project
-        self.normalizes, self.normalize = bool(normalize), normalize or (lambda cells: cells)
+    def __init__(self, reference_map: ReferenceMap, pair: CoherentPair) -> None:
+        self._map, self._pair = reference_map, pair
         self.of_map: Regions | None = None
         self._averaged = 0
         self.reset()
@@ -58,7 +50,7 @@ class Background:
     def update_map(self) -> bool:
         """Average the map again if it has doubled; return whether `of_map` has changed."""
         count = len(self._map)
-        if not self._project or count < max(BACKGROUND.fewest_places, 2 * self._averaged):
+        if count < max(BACKGROUND.fewest_places, 2 * self._averaged):
             return False
         spread = np.linspace(0, count - 1, min(count, BACKGROUND.sample)).astype(int)
         sample, total, number = np.unique(spread).tolist(), np.zeros(1, np.float32), 0
@@ -66,7 +58,8 @@ class Background:
             packed = self._map.packed_of(sample[start : start + _READ_AT_ONCE])
             for cells in map(unpack_cells, packed):
                 if cells.any():
-                    total, number = total + self._project(self.normalize(cells)), number + 1
+                    regions = self._pair.project(self._pair.normalize(cells))
+                    total, number = total + regions, number + 1
         self.of_map = total / np.float32(number) if number else None
         self._averaged = count
         return True
@@ -78,8 +71,6 @@ class Background:
         A frame that is too similar to the last counted one is skipped. The map's background counts
         as 5 frames. The result is None while the map has no background.
         """
-        if not self._project:
-            return None
         limit, last = BACKGROUND.still_alike * len(regions), self._last
         # Not by BLAS: for so few products, starting its threads takes longer than the work.
         if last is None or np.einsum('ij,ij', regions, last, dtype=np.float64) < limit:

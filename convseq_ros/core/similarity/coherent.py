@@ -161,13 +161,10 @@ class CoherentPair:
         regions, blocks = self.subtract(self.project(cells, self.step), behind)
         return self.packed(regions, blocks if self.step == 1 else None)
 
-    def prepare_packed(
-        self, packed: Sequence[Packed], normalizes: bool, background: Regions | None
-    ) -> list[Any]:
+    def prepare_packed(self, packed: Sequence[Packed], background: Regions | None) -> list[Any]:
         """Return the features of references from their packed cells; None for blank ones."""
-        normalize = self.normalize if normalizes else lambda cells: cells
         every = map(unpack_cells, packed)
-        return [self.prepare(normalize(it), background) if it.any() else None for it in every]
+        return [self.prepare(self.normalize(it), background) if it.any() else None for it in every]
 
     def compare(self, query: Any, references: Sequence[Any]) -> Scores:
         """Return the scores and shifts of a query and n references."""

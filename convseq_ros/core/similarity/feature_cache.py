@@ -82,11 +82,11 @@ class FeatureCache:
         return [self._shifts.get(index) for index in indices]
 
     def _made(self, indices: Sequence[int]) -> list[Any]:
-        packed, means = self._map.packed_of(indices), self._background
+        packed, background = self._map.packed_of(indices), self._background.of_map
         features: list[Any] = [None] * len(packed)
 
         def prepare(_: int, part: slice) -> None:
-            features[part] = self.pair.prepare_packed(packed[part], means.normalizes, means.of_map)
+            features[part] = self.pair.prepare_packed(packed[part], background)
 
         self._threads.run([len(packed)], prepare)
         return features

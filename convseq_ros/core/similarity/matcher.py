@@ -45,8 +45,7 @@ class Matcher(Scorer):
         self._map, self._keeps_all = reference_map, kept is None
         self._least_bits = saliency_threshold * ENTROPY.max_bits
         usable = min(usable_cores(), _MOST_THREADS)
-        subtracted = (pair.normalize, pair.project) if matching.subtract_background else ()
-        self._background = Background(reference_map, *subtracted)
+        self._background = Background(reference_map, pair)
         shared = self._background, Threads((matching.threads or usable) - 1)
         self._features = FeatureCache(reference_map, pair, *shared, kept)
         self._rough = FeatureCache(reference_map, pair.rough, *shared, kept and _ROUGH * kept)
@@ -59,7 +58,7 @@ class Matcher(Scorer):
     def extract(self, descriptor: Descriptor) -> Features | None:
         self._follow_map()
         pair = self._features.pair
-        projected = pair.project(self._background.normalize(descriptor.cells))
+        projected = pair.project(pair.normalize(descriptor.cells))
         regions = pair.subtract(projected, self._background.update(projected))
         given = descriptor, self._least_bits, regions
         if (scored := pair.extract(*given)) is None:

@@ -113,7 +113,7 @@ class CompiledCoherent(CoherentPair):
         return _Reference(panel, address(panel), len(regions), begin, float(lengths(behind)))
 
     def prepare_packed(
-        self, packed: Sequence[Packed], normalizes: bool, background: Regions | None
+        self, packed: Sequence[Packed], background: Regions | None
     ) -> list[_Reference | None]:
         size, has_gradient, weights = len(packed[0]), np.empty(len(packed), np.int8), NORMALIZATION
         side, block, behind = regions_in_a_row(size, self.step), 0, 0
@@ -127,7 +127,7 @@ class CompiledCoherent(CoherentPair):
         panels = [empty_panel(room + behind) for _ in packed]
         _prepare(
             addresses_of(cells), len(packed), size, self.step, PACKED_UNIT, weights.middle,
-            weights.side, weights.saturation if normalizes else 0.0, *axes(), background, block,
+            weights.side, weights.saturation, *axes(), background, block,
             _SCALE, room, addresses_of(panels), has_gradient,
         )  # fmt: skip
         references: list[_Reference | None] = []

@@ -68,10 +68,10 @@ KERNEL(subtract)(float *regions, const float *background, intptr_t side, intptr_
 
 // Compute the features of references, in panels; shown: 0 for a reference without gradient.
 //
-// packed: cells [size][size][8] of each in half precision, to be multiplied by `unit`. They are
-// normalised (see there) if `typical` is not 0; the background is subtracted if there is one. A
-// panel has the regions of every `step`-th row and column in `room` bytes, followed by the sums of
-// blocks of all regions, if `block` and a background are given.
+// packed: cells [size][size][8] of each in half precision, to be multiplied by `unit` and
+// normalised (see there). The background is subtracted if there is one. A panel has the regions of
+// every `step`-th row and column in `room` bytes, followed by the sums of blocks of all regions, if
+// `block` and a background are given.
 KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, int step,
                 float unit, float middle, float beside, double typical, const float *axes,
                 const float *origin, const float *background, intptr_t block, float scale,
@@ -94,9 +94,8 @@ KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, 
             any |= packed[one][place];
         if (!(shown[one] = any != 0))
             continue;
-        if (typical > 0)
-            failed |= CALL(normalize)(cells, size, middle, beside, typical, normal);
-        failed |= CALL(project)(typical > 0 ? normal : cells, size, step, axes, origin, regions);
+        failed |= CALL(normalize)(cells, size, middle, beside, typical, normal);
+        failed |= CALL(project)(normal, size, step, axes, origin, regions);
         float *sums = blocks ? (float *)(panels[one] + room) : NULL;
         if (sums)
             memset(sums, 0, (size_t)(blocks * blocks * NUMBERS) * sizeof *sums);
