@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pose graph as a node: topics in, `map -> odom`, path, diagnostics and files out."""
 
-from dataclasses import replace
 import math
 import os
 from pathlib import Path
@@ -10,11 +9,9 @@ import sys
 import types
 from unittest.mock import Mock
 
-from convseq_ros.core.graph.trail import Keyframe
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.rigid import inverse, Matrix, matrix, pose_of, turned_by
-from convseq_ros.core.types import Anchor, RelativePose
+from convseq_ros.core.rigid import inverse, matrix, pose_of, turned_by
 from convseq_ros.errors import ConvseqError
 from convseq_ros.node.conversions import pose_only_message, stamp_from_ns, stamp_to_ns
 from convseq_ros.sources.pose_track import pose_from_message
@@ -26,32 +23,15 @@ import numpy as np
 from programs import run
 import pytest
 from rclpy.parameter import Parameter
+from squares import add_drive, MEASURED, SECOND, squares, stamp
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
 pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
 
-SECOND = 1_000_000_000
 LAP, NUM = 40, 80
-EXACT = np.diag([0.01] * 3 + [1e-4] * 3).ravel()
-
-
-def steps(scale: float, turn: float) -> list[Matrix]:
-    """Return poses round a square with sides of 10 m, twice, a metre apart."""
-    poses = [np.eye(4)]
-    for step in range(NUM):
-        moved = np.eye(4)
-        moved[:3, :3] = turned_by((0, 0, turn if step % 10 == 9 else 0.0))
-        moved[0, 3] = scale
-        poses.append(poses[-1] @ moved)
-    return poses
-
-
-TRUE, DRIFTED = steps(1.0, math.pi / 2), steps(1.03, math.pi / 2 + 0.06)
-
-
-def stamp(step: int) -> int:
-    return SECOND + step * SECOND // 5
+EXACT = MEASURED.ravel()
+TRUE, DRIFTED = squares(side=10), squares(scale=1.03, excess_rad=0.06, side=10)
 
 
 def odometry(step: int, frame_id: str = 'odom') -> Odometry:
@@ -235,17 +215,9 @@ def test_files_are_written_by_the_service_and_at_the_end(client, graph_node, tmp
 @pytest.fixture
 def town_map(tmp_path):
     """Return the file of a map in which the drive is, up to its 71st pose, and its closures."""
-    made, closed = ReferenceMap(), {LAP + at: at for at in range(2, 30, 6)}
-    made.begin_session(stamp(0))
-    own = made.sessions[0].id
-    for step in range(71):
-        at, other, relative = replace(pose_of(DRIFTED[step]), variances=(0.0, 0.0)), None, None
-        if step in closed:
-            other = Anchor(own, stamp(closed[step]))
-            moved = pose_of(inverse(TRUE[closed[step]]) @ TRUE[step])
-            spread = EXACT.reshape(6, 6)
-            relative = RelativePose(moved.orientation, moved.position, None, spread, 9, True)
-        made.trail.add(Keyframe(own, stamp(step), at, other, relative))
+    made = ReferenceMap()
+    closed = [(LAP + at, at, inverse(TRUE[at]) @ TRUE[LAP + at]) for at in range(2, 30, 6)]
+    add_drive(made, DRIFTED[:71], closed)
     save_map(made, path := tmp_path / 'town.db')
     return path, made
 

@@ -4,13 +4,14 @@
 
 import math
 
-from convseq_ros.core.rigid import inverse, Matrix, turned_by
+from convseq_ros.core.rigid import inverse, Matrix
 from convseq_ros.pose_graph import solver as module
 from convseq_ros.pose_graph.edges import Edge
 from convseq_ros.pose_graph.optimisation import optimise
 from convseq_ros.pose_graph.solver import Solver
 import numpy as np
 import pytest
+from squares import pose
 
 pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
 
@@ -20,16 +21,10 @@ STEP = np.diag([0.05**2] * 3 + [0.02**2] * 3)
 LINK = np.diag([0.1**2] * 3 + [0.02**2] * 3)
 
 
-def moved(x: float, y: float = 0.0, yaw: float = 0.0) -> Matrix:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:2, 3] = turned_by((0, 0, yaw)), (x, y)
-    return pose
-
-
 def path(yaw: float) -> list[Matrix]:
     poses = [np.eye(4)]
     for _ in range(COUNT - 1):
-        poses.append(poses[-1] @ moved(1.0, 0.0, yaw))
+        poses.append(poses[-1] @ pose(1.0, 0.0, yaw))
     return poses
 
 
@@ -92,7 +87,7 @@ def test_links_that_agree_are_taken_in_as_from_scratch(decided):
 
 
 def test_a_closure_that_contradicts_many_is_refused_and_bends_nothing(decided):
-    links = [*RIGHT, link(100, RIGHT[-1].end, moved(9.0, 3.0))]
+    links = [*RIGHT, link(100, RIGHT[-1].end, pose(9.0, 3.0))]
     alone, solver = Solver(), Solver()
     grow(alone, RIGHT)
     assert grow(solver, links)[-1] == (*[True] * len(RIGHT), False)
@@ -102,7 +97,7 @@ def test_a_closure_that_contradicts_many_is_refused_and_bends_nothing(decided):
 
 
 def test_an_early_closure_is_refused_once_enough_others_contradict_it(decided):
-    false = [link(4, 44, moved(3.0, 6.0)), link(8, 46, moved(3.0, 6.0))]
+    false = [link(4, 44, pose(3.0, 6.0)), link(8, 46, pose(3.0, 6.0))]
     verdicts = grow(Solver(), [*false, *RIGHT[3:]])
     assert verdicts[-1] == (False, False, *[True] * len(RIGHT[3:]))
     assert len(decided) < len(RIGHT) / 2

@@ -9,41 +9,30 @@ from convseq_ros.core.graph.trail import Keyframe
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import inverse, Matrix, pose_of
-from convseq_ros.core.types import Anchor, Pose, RelativePose
+from convseq_ros.core.types import Pose
 from convseq_ros.pose_graph import solver
 from convseq_ros.pose_graph.graph import PoseGraph
 from convseq_ros.pose_graph.stored import graph_of, solved
 import numpy as np
 import pytest
-from squares import closure, DRIFTED, driven, LAP, MEASURED, pose, RIGHT, SECOND, stamp, TRUE
+from squares import (
+    add_drive,
+    closure,
+    DRIFTED,
+    driven,
+    LAP,
+    pose,
+    relative,
+    RIGHT,
+    SECOND,
+    stamp,
+    TRUE,
+)
 
 pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
 
 CONFIG = PoseGraphConfig(graph_spacing_m=0.9)
 NEXT_DAY = 86_400 * SECOND
-
-
-def relative(moved: Matrix) -> RelativePose:
-    at = pose_of(moved)
-    return RelativePose(at.orientation, at.position, None, MEASURED, 50, True)
-
-
-def add_drive(to: ReferenceMap, poses, closures=(), first: int = 0, after_ns: int = 0) -> str:
-    """Add a session of poses by odometry and closures (query, reference, moved)."""
-    to.begin_session(stamp(first) + after_ns)
-    own, ends = to.sessions[-1].id, {query: end for query, *end in closures}
-    for step, odometry in enumerate(poses, first):
-        other, moved = ends.get(step, (None, None))
-        to.trail.add(
-            Keyframe(
-                own,
-                stamp(step) + after_ns,
-                replace(pose_of(odometry), variances=(0.0, 0.0)),
-                None if other is None else Anchor(to.sessions[0].id, stamp(other)),
-                None if moved is None else relative(moved),
-            )
-        )
-    return own
 
 
 def right(last: int) -> list[tuple[int, int, Matrix]]:
