@@ -14,8 +14,8 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import Matrix, matrix
 from convseq_ros.core.types import Doubles, Frame, Match, Reason
 from convseq_ros.errors import printable
-from convseq_ros.evaluation.plots import new_figure
-from convseq_ros.evaluation.report.page import Pair, Section, svg, write_page
+from convseq_ros.evaluation.plots import new_figure, svg
+from convseq_ros.evaluation.report.page import Pair, Section, write_page
 from convseq_ros.pose_graph.alignment import agreed
 import cv2
 import numpy as np

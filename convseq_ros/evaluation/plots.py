@@ -3,6 +3,7 @@
 """Figures by matplotlib, which is imported only to draw one, and the picture of the demo."""
 
 from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -43,22 +44,27 @@ def new_figure(width: float, height: float, face: str = 'white') -> Any:
     return figure
 
 
-def take_texts_literally(figure: Any) -> None:
-    """Draw dollar signs as they are; matplotlib would parse the text between two as a formula."""
-    for text in figure.findobj(lambda artist: hasattr(artist, 'set_parse_math')):
-        text.set_parse_math(False)
-
-
 def save(figure: Any, *paths: Path, **options: Any) -> None:
     """Write a figure as png, svg or pdf, by the suffix of each path; bytes are reproducible."""
+    for path in paths:
+        with complete_or_absent(path) as part:
+            _draw(figure, part, path.suffix[1:], **options)
+
+
+def svg(figure: Any) -> str:
+    """Return a figure as SVG, the same each time."""
+    _draw(figure, buffer := StringIO(), 'svg', bbox_inches='tight')
+    return buffer.getvalue()
+
+
+def _draw(figure: Any, file: Path | StringIO, kind: str, **options: Any) -> None:
     from matplotlib import rc_context
 
-    take_texts_literally(figure)
-    for path in paths:
-        kind = path.suffix[1:]
-        with complete_or_absent(path) as part:
-            with rc_context({'svg.hashsalt': 'convseq_ros', 'pdf.fonttype': 42}):
-                figure.savefig(part, format=kind, metadata=_METADATA[kind], **options)
+    # Dollar signs are drawn as they are; the text between two would be parsed as a formula.
+    for text in figure.findobj(lambda artist: hasattr(artist, 'set_parse_math')):
+        text.set_parse_math(False)
+    with rc_context({'svg.hashsalt': 'convseq_ros', 'pdf.fonttype': 42}):
+        figure.savefig(file, format=kind, metadata=_METADATA[kind], **options)
 
 
 def show_scores(axes: Any, scores: Scores) -> None:

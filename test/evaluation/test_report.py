@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of results: what it shows, what it escapes, and how much."""
 
-from convseq_ros.evaluation.plots import new_figure
-from convseq_ros.evaluation.report.page import MOST_PICTURES, Pair, Section, svg, write_page
+from convseq_ros.evaluation.plots import new_figure, svg
+from convseq_ros.evaluation.report.page import MOST_PICTURES, Pair, Section, write_page
 from convseq_ros.evaluation.report.results import nearest
 import numpy as np
 import pytest

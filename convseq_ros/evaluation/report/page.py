@@ -6,12 +6,10 @@ from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
-from io import StringIO
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from convseq_ros.errors import load
-from convseq_ros.evaluation.plots import take_texts_literally
 from convseq_ros.io.regular_file import write_text
 import numpy as np
 
@@ -62,17 +60,6 @@ def write_page(
     template = jinja.from_string((files(__package__) / 'template.html').read_text('utf-8'))
     text = template.render(title=title, facts=facts, sections=sections, made=made, table=table)
     write_text(output, text)
-
-
-def svg(figure: Any) -> str:
-    """Return a figure of matplotlib as SVG, the same each time."""
-    from matplotlib import rc_context
-
-    take_texts_literally(figure)
-    buffer = StringIO()
-    with rc_context({'svg.hashsalt': 'convseq_ros'}):
-        figure.savefig(buffer, format='svg', metadata={'Date': None}, bbox_inches='tight')
-    return buffer.getvalue()
 
 
 def evenly(items: Sequence[Item], most: int) -> list[Item]:

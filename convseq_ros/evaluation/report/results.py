@@ -11,9 +11,9 @@ from convseq_ros.core.types import Match
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.methods import Sweep
 from convseq_ros.evaluation.metrics import Curve
-from convseq_ros.evaluation.plots import new_figure, show_matches, show_scores, show_truth
+from convseq_ros.evaluation.plots import new_figure, show_matches, show_scores, show_truth, svg
 from convseq_ros.evaluation.protocols import OPEN, Outcome
-from convseq_ros.evaluation.report.page import Pair, Section, svg
+from convseq_ros.evaluation.report.page import Pair, Section
 from convseq_ros.evaluation.scorecard import Summary, Verdicts
 from convseq_ros.evaluation.table import HEADINGS
 import numpy as np
