@@ -49,19 +49,38 @@ from convseq_ros.sources.recording_names import recordings_in
 _MANY, _FEW = 30, 3  # frames, and places of them, that are worth a warning
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Built:
-    """The result of a build."""
+    """What came of a build."""
 
     map: str
-    frames: int
-    added: int
-    references: int
-    unreadable: int
-    with_pose: int
-    seconds: float
-    bytes: int
-    interrupted: bool
+    frames: int = 0
+    added: int = 0
+    references: int = 0
+    unreadable: int = 0
+    with_pose: int = 0
+    seconds: float = 0.0
+    bytes: int = 0
+    interrupted: bool = False
+
+    def add(
+        self, builder: MapBuilder, frames: Iterable[Frame], report: Callable[[str], None]
+    ) -> str:
+        """Build a session of frames, until interrupted; return why the last unreadable one is."""
+        problem = ''
+        try:
+            with builder:
+                for frame in frames:
+                    self.frames += 1
+                    if frame.gray is None:
+                        self.unreadable += 1
+                        problem = frame.problem
+                        report(problem)
+                    self.with_pose += builder.process(frame) and frame.pose is not None
+        except KeyboardInterrupt:
+            self.interrupted = True
+        self.added += builder.added
+        return problem
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -171,60 +190,30 @@ def build(
     recordings = recordings_in(recording) if each else [recording]
     sessions = _sessions(recordings, session, config.reading, images)
     config.robot.refuse_count(1 + max(number for _, number, _ in sessions))
-    started, report, counts = time.monotonic(), on_warning or warn, _Counts()
+    started, report, built = time.monotonic(), on_warning or warn, Built(str(path))
     for name, number, source in sessions:
-        is_first, before = source is sessions[0][2], counts.frames
+        is_first, before = source is sessions[0][2], built.frames
         adds, own = append or not is_first, of_camera(config, number)
         builder = MapBuilder(path, own, adds, name, pose_frame, links, max_looks, model)
         frames = source if on_warning else progress(source, len(source), path.name)
-        problem = counts.add(builder, frames, report)
+        problem = built.add(builder, frames, report)
         check = builder.camera_check
         if check.note and not on_warning:
             note(check.note)
         for warning in filter(None, [check.problem, *source.warnings]):
             report(warning)
-        if counts.interrupted:
-            if not counts.added:
+        if built.interrupted:
+            if not built.added:
                 raise KeyboardInterrupt
             break
         if not builder.added:
             images_of = 'images' if is_first else f'images of {source.topic or source.name}'
-            shown = f'{counts.frames - before} {images_of}'
+            shown = f'{built.frames - before} {images_of}'
             why = f': {problem}' if problem else ''
             raise SourceError(f'{recording}: none of its {shown} could be used{why}')
-    references = len(builder.reference_map) - builder.removed
-    seconds, size = time.monotonic() - started, path.stat().st_size
-    return Built(str(path), references=references, seconds=seconds, bytes=size, **asdict(counts))
-
-
-@dataclass(slots=True)
-class _Counts:
-    """What came of the frames so far; each name is one of `Built`."""
-
-    frames: int = 0
-    added: int = 0
-    unreadable: int = 0
-    with_pose: int = 0
-    interrupted: bool = False
-
-    def add(
-        self, builder: MapBuilder, frames: Iterable[Frame], report: Callable[[str], None]
-    ) -> str:
-        """Build a session of frames, until interrupted; return why the last unreadable one is."""
-        problem = ''
-        try:
-            with builder:
-                for frame in frames:
-                    self.frames += 1
-                    if frame.gray is None:
-                        self.unreadable += 1
-                        problem = frame.problem
-                        report(problem)
-                    self.with_pose += builder.process(frame) and frame.pose is not None
-        except KeyboardInterrupt:
-            self.interrupted = True
-        self.added += builder.added
-        return problem
+    built.references = len(builder.reference_map) - builder.removed
+    built.seconds, built.bytes = time.monotonic() - started, path.stat().st_size
+    return built
 
 
 def _sessions(

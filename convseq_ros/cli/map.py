@@ -104,8 +104,7 @@ def _merge(chosen: argparse.Namespace) -> None:
         raise MapError(f'{chosen.maps[0]}: {NO_PLACES}')
     merged = joined(slices)
     if not chosen.no_links:
-        for _ in map_link.linking(chosen.output, merged):
-            pass
+        map_link.link(chosen.output, merged)
     merged = pruned(chosen.output, merged, chosen.max_looks)
     save_map(merged, chosen.output, is_new=True)
     _report(chosen, chosen.output)

@@ -4,7 +4,7 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 import json
@@ -53,28 +53,26 @@ def run(chosen: argparse.Namespace) -> None:
         refuse_existing(chosen.output)
     if chosen.again or not_linked(open_map(chosen.map)):
         rewrite(chosen.map, partial(_linked, chosen))
-    make_outputs(chosen, open_map(chosen.map))
+    _make_outputs(chosen, open_map(chosen.map))
 
 
 def _linked(chosen: argparse.Namespace, opened: ReferenceMap) -> ReferenceMap:
     """Return a map with the links that it lacks, or with new ones."""
     if chosen.again:
         forget_links(opened)
-    for _ in linking(chosen.map, opened):
-        pass
+    link(chosen.map, opened)
     return opened
 
 
-def linking(path: Path, unlinked: ReferenceMap) -> Iterator[int]:
-    """Link the places of a map that are not linked yet, with progress; yield after each."""
+def link(path: Path, unlinked: ReferenceMap) -> None:
+    """Link the places of a map that are not linked yet, with progress."""
     count = sum(map(len, not_linked(unlinked)))
-    return progress(link_map(unlinked), count, path.name, 'places')
+    for _ in progress(link_map(unlinked), count, path.name, 'places'):
+        pass
 
 
-def make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
+def _make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
     """Print the links of a map, and make the outputs that the options name."""
-    if chosen.output:
-        refuse_existing(chosen.output)
     slices, links = sessions_of(chosen.map, linked), [*linked.links.each()]
     _report(slices, links, chosen.json)
     if not (chosen.g2o or chosen.output or chosen.picture or chosen.tum):

@@ -62,7 +62,7 @@ def test_linking_again_replaces_all_links_but_those_that_were_taken_out(path, mo
     before = path.read_bytes()
     assert main(['map', 'link', str(path)]) == 0 and path.read_bytes() == before
     with monkeypatch.context() as patch:
-        patch.setattr(map_link, 'linking', Mock(side_effect=KeyboardInterrupt))
+        patch.setattr(map_link, 'link', Mock(side_effect=KeyboardInterrupt))
         assert main(['map', 'link', str(path), '--again'])
     assert path.read_bytes() == before
     capsys.readouterr()
