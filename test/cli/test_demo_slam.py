@@ -16,12 +16,9 @@ pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
 pytest.importorskip('rclpy', reason="needs ROS: pip install '.[ros]'")
 pytest.importorskip('rosbags', reason='needs rosbags: pip install rosbags')
 
-from convseq_ros.cli.demo_slam import draw_false, error_m, play, read_trajectory
+from convseq_ros.cli.demo_slam import draw_false, error_m, play, read_trajectory, VPR
 
-SETTINGS = {
-    'mode': 'online', 'closure_interval_s': 1.0, 'queue_size': 1000,
-    'max_wait_s': 0.0, 'odom_wait_s': 2.0,
-}  # fmt: skip
+SETTINGS = VPR | {'closure_interval_s': 1.0}
 SECOND = 1_000_000_000
 
 

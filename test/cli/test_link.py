@@ -8,6 +8,7 @@ import math
 
 from convseq_ros.app.map_builder import MapBuilder
 from convseq_ros.cli import main
+from convseq_ros.cli.demo_slam import error_m
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Place
@@ -177,11 +178,9 @@ def circled(tmp_path_factory):
 
 
 def _off_m(path, truth):
-    """Return the error of a map's trajectory, which begins where the truth does; metres, RMS."""
-    own = np.array([place.pose.position for place in open_map(path).places])
-    own, true = own - own.mean(axis=0), truth - truth.mean(axis=0)
-    left, _, right = np.linalg.svd(true.T @ own)
-    return math.sqrt(((own @ (left @ right).T - true) ** 2).sum(axis=1).mean())
+    """Return the error of a map's trajectory, in metres."""
+    own = {at: place.pose.position for at, place in enumerate(open_map(path).places)}
+    return error_m(own, dict(enumerate(truth)))
 
 
 def test_a_drive_that_crosses_its_path_is_linked_once_and_its_poses_improve(
