@@ -108,7 +108,7 @@ def read_array(path: Path, reading: ReadingConfig = ReadingConfig()) -> npt.NDAr
     """Return the array of plain numbers in a .npy file; SourceError if it is too large."""
     refuse_irregular(path)
     try:
-        stored = np.load(path, mmap_mode='r', allow_pickle=False)  # which allocates nothing
+        stored = np.lib.format.open_memmap(path, mode='r')  # which allocates nothing
         reading.refuse_file(path, stored.nbytes)
         return np.array(stored)
     except OSError as error:
