@@ -21,7 +21,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import constants, Doubles, Flags, Indices
 import numpy as np
 
-_AT_ONCE = 10_000  # mass of a place at a velocity that is moved at once, for 2 MB of memory
+_AT_ONCE = 2_000  # masses of a place at a velocity that are moved at once, for 1 MB of memory
 
 
 @constants
@@ -120,36 +120,21 @@ class Belief:
         """
         if not len(self.places):
             return
-        places, mass, states = self._with_looks(usable)
-        velocities, columns = np.nonzero(mass > BUDGET.least)
-        moved, sigmas = (values[velocities, columns] for values in self.motion.moved(places))
-        reach = math.ceil(3 * min(sigmas.max(initial=0.0), BUDGET.widest))
-        spans = self._map.bounds.spans(places)
-        firsts, stops = (np.broadcast_to(bound, places.shape)[columns] for bound in spans)
-        stops, parts = np.minimum(stops, usable), []
-        for start in range(0, max(1, len(columns)), _AT_ONCE):
-            at = slice(start, start + _AT_ONCE)
-            near = np.rint(moved[at])[:, None] + np.arange(-reach, reach + 1)
-            weights = np.exp(-0.5 * ((near - moved[at, None]) / sigmas[at, None]) ** 2)
-            weights *= (mass[velocities[at], columns[at]] / weights.sum(axis=1))[:, None]
-            kept = (near >= firsts[at, None]) & (near < stops[at, None])
-            kept &= weights > BUDGET.least
-            parts.append((near[kept].astype(np.int64), weights[kept], kept.sum(axis=1)))
-        near, weights, counts = map(np.concatenate, zip(*parts, strict=True))
-        self.places, where = np.unique(near, return_inverse=True)
-        count = len(self.places)
-        rows, sources = (np.repeat(one, counts) for one in (velocities, columns))
-        same = _summed(rows * count + where, weights, len(mass), count)
+        around, same, arrived, total = self._moved(*self._with_looks(usable), usable)
+        reached = np.flatnonzero(arrived.any(axis=0))
+        same, arrived = same.take(reached, axis=1), arrived.take(reached, axis=1)
+        self.places = around[reached]
         other = self.motion.prior[:, None] * same.sum(axis=0)
-        changed = (1 - MOTION.changing) * same + MOTION.changing * other
-        self._lost += max(0.0, float(mass.sum() - changed.sum()))
-        states /= states.sum(axis=0)
-        cells = (np.arange(STATES)[:, None] * count + where).ravel()
-        arrived = _summed(cells, (states[:, sources] * weights).ravel(), STATES, count)
-        moved = self._lead.moved(arrived, self.places, earlier, BELIEF.entering)
-        stays = (1 - BELIEF.jumping) * moved
-        self._mass, self._states = changed * stays.sum(axis=0) / arrived.sum(axis=0), stays
-        self._nowhere = max(0.0, 1.0 - float(stays.sum()))
+        other *= MOTION.changing
+        same *= 1 - MOTION.changing
+        same += other
+        self._lost += max(0.0, total - float(same.sum()))
+        after = self._lead.moved(arrived, self.places, earlier, BELIEF.entering)
+        after *= 1 - BELIEF.jumping
+        same *= after.sum(axis=0)
+        same /= arrived.sum(axis=0)
+        self._mass, self._states = same, after
+        self._nowhere = max(0.0, 1.0 - float(after.sum()))
 
     def update(
         self,
@@ -183,10 +168,46 @@ class Belief:
             states *= keypoints
         nowhere, self._lost = self._nowhere - entering, 0.0
         total = float(mass.sum()) + nowhere
-        mass, self._nowhere = mass / total, nowhere / total
+        mass /= total
+        self._nowhere = nowhere / total
         kept = mass.sum(axis=0) > BUDGET.least
         self.places, self._mass, states = places[kept], mass[:, kept], states[:, kept]
         self._states = states * (self._mass.sum(axis=0) / states.sum(axis=0))
+
+    def _moved(
+        self, places: Indices, mass: Doubles, states: Doubles, usable: int
+    ) -> tuple[Indices, Doubles, Doubles, float]:
+        """
+        Return places, the mass that arrives there by velocity and by state, and all that moved.
+
+        Each sum is in the order of velocities and places, so the parts make no difference.
+        """
+        held = np.flatnonzero(mass > BUDGET.least)  # of all velocities at all places
+        centres, sigmas = (one.ravel()[held] for one in self.motion.moved(places))
+        reach = math.ceil(3 * min(sigmas.max(initial=0.0), BUDGET.widest))
+        spans = self._map.bounds.spans(places)
+        firsts, stops = (np.broadcast_to(bound, places.shape) for bound in spans)
+        stops = np.minimum(stops, usable)
+        around, total = _around(centres, reach, usable), float(mass.sum())
+        states /= states.sum(axis=0)
+        number = np.empty(usable, np.int64)  # of a place in `around`
+        number[around] = np.arange(len(around))
+        same, arrived = np.zeros((len(mass), len(around))), np.zeros((STATES, len(around)))
+        for start in range(0, len(held), _AT_ONCE):
+            part = slice(start, start + _AT_ONCE)
+            velocities, columns = np.divmod(held[part], len(places))
+            centre, sigma = centres[part, None], sigmas[part, None]
+            near = np.rint(centre) + np.arange(-reach, reach + 1)
+            weights = np.exp(-0.5 * ((near - centre) / sigma) ** 2)
+            weights *= (mass[velocities, columns] / weights.sum(axis=1))[:, None]
+            kept = (near >= firsts[columns, None]) & (near < stops[columns, None])
+            kept &= weights > BUDGET.least
+            where, weights = number[near[kept].astype(np.int64)], weights[kept]
+            rows, sources = (np.repeat(one, kept.sum(axis=1)) for one in (velocities, columns))
+            np.add.at(same.ravel(), rows * len(around) + where, weights)
+            for row, state in zip(arrived, states, strict=True):
+                np.add.at(row, where, state[sources] * weights)
+        return around, same, arrived, total
 
     def _with_looks(self, usable: int) -> tuple[Indices, Doubles, Doubles]:
         """
@@ -215,6 +236,10 @@ class Belief:
         return places, mass[:of_velocities], mass[of_velocities:]
 
 
-def _summed(at: Indices, weights: Doubles, rows: int, count: int) -> Doubles:
-    """Return the sums (rows, count) of weights (m,), by their flat positions (m,)."""
-    return np.asarray(np.bincount(at, weights, rows * count).reshape(rows, count), np.float64)
+def _around(centres: Doubles, reach: int, usable: int) -> Indices:
+    """Return which of the first `usable` places (m,) are within a reach of centres (n,)."""
+    begun = np.zeros(usable + 1, np.int32)  # ranges that begin at a place, less those that ended
+    for offset, change in ((-reach, 1), (reach + 1, -1)):
+        edges = (np.rint(centres) + offset).clip(0, usable)
+        np.add.at(begun, edges.astype(np.int64), change)
+    return np.flatnonzero(begun[:-1].cumsum())

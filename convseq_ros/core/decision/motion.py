@@ -85,7 +85,10 @@ class MotionModel:
                 for rows, distance_m in ((forwards, driven_m), (~forwards, -driven_m)):
                     if (end := self._along(place, distance_m)) is not None:
                         moved[rows, column] = end
-        sigmas = MOTION.sigma_places + self._way_error * abs(moved - places)
+        sigmas = moved - places
+        np.abs(sigmas, out=sigmas)
+        sigmas *= self._way_error
+        sigmas += MOTION.sigma_places
         return moved, sigmas
 
     def _along(self, place: int, distance_m: float) -> float | None:

@@ -292,11 +292,12 @@ def test_the_order_of_sessions_makes_no_difference(a_map, one, other, steps, bot
         assert left == pytest.approx(elsewhere, abs=3e-3)
 
 
-def test_mass_that_is_as_good_as_none_takes_no_memory_however_many_places_have_it(a_map):
+@pytest.mark.parametrize(('least', 'held'), [(1.5 * BUDGET.least, 17), (1e-5, 5000)])
+def test_a_prediction_takes_little_memory_however_many_places_have_mass(a_map, least, held):
     count, velocities = 5000, np.linspace(-6, 6, 18)
     belief = Belief(a_map(count), Driven(*velocities, sigma=0.8), in_the_dark())
     belief.places = np.arange(count)
-    belief._mass = np.full((18, count), 1.5 * BUDGET.least)
+    belief._mass = np.full((18, count), least)
     belief._mass[:, 7] = 0.01
     belief._states = np.tile(belief._mass.sum(axis=0) / 6, (6, 1))
     tracemalloc.start()
@@ -305,4 +306,4 @@ def test_mass_that_is_as_good_as_none_takes_no_memory_however_many_places_have_i
         _, most = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert most < 12_000_000 and len(belief.places) < 30
+    assert most < 1200 * count and len(belief.places) == held
