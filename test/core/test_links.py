@@ -113,15 +113,20 @@ def test_links_keep_all_that_a_back_end_asks_for_through_a_file(a_map, path):
     assert not opened.problem and opened.links.looked_up_count == 4
 
 
-def test_a_link_takes_700_bytes_of_memory():
+@pytest.mark.parametrize(('is_link', 'most'), [(True, 400), (False, 40)])
+def test_a_link_takes_400_bytes_of_memory_and_a_place_without_one_40(is_link, most):
     links, count = linked(), 2000
     tracemalloc.start()
     for place in range(count, 2 * count):
-        links.add(place, place - count, 0.97, 41, measured(1.0, 0.2))
+        if is_link:
+            links.add(place, place - count, 0.97, 41, measured(1.0, 0.2))
+        else:
+            links.add_first(place)
     taken, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert taken < 700 * count
-    assert told(links.details(count))[:5] == (count, 0, 0, 0.97, 41)
+    assert taken < most * count and links.looked_up_count == count
+    if is_link:
+        assert told(links.details(count))[:5] == (count, 0, 0, 0.97, 41)
 
 
 def test_a_link_to_a_removed_place_leads_to_the_place_behind_it(a_map):

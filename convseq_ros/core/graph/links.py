@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Links between places of a map that show the same scene: looks of one place."""
 
+from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import takewhile
+import math
+from struct import Struct
 from threading import Lock
 
 from convseq_ros.core.graph.packed_pose import packed_pose, unpacked_pose
@@ -33,8 +36,9 @@ class Link:
     relative: RelativePose | None = None  # of the robot's base at the place, against the other's
 
 
-# What is kept of a link: the other place, confidence, inliers, and the packed relative pose.
-_Stored = tuple[int, float | None, int | None, bytes | None]
+# What is kept of a link before its packed relative pose: the other place, the confidence, NaN if
+# there is none, and the inliers, -1 if there are none.
+_FACTS = Struct('<qdq')
 # A place, its link (None if it was looked up without a result), and whether a person took it out.
 Row = tuple[int, Link | None, bool]
 
@@ -51,50 +55,68 @@ class Links:
 
     def __init__(self, around: Callable[[int, int], range]) -> None:
         self._around, self._adding = around, Lock()
-        self._anchors = dict[int, int]()  # by place that was looked up
-        self._followers = dict[int, list[int]]()  # places by their anchor
-        self._links = dict[int, _Stored]()  # by place
-        self._recorded: list[int] = []  # places that were looked up, in the order of recording
+        # By place: its anchor, the next place with the same anchor (0: none), and the number of
+        # its record (-1: none). In numbers of 4 bytes, since these are held for every place.
+        self._anchors, self._next, self._number = array('i'), array('i'), array('i')
+        # Records: the places that were looked up, in order, and what is kept of their links.
+        self._recorded, self._kept = array('i'), list[bytes]()
+        self._linked = self._looked_up = 0  # how many places
         self._unlinked = set[int]()  # by a person
 
     def __len__(self) -> int:
-        return len(self._links)
+        return self._linked
 
     def __iter__(self) -> Iterator[tuple[int, int]]:
         """Yield linked places with their anchors, by ascending place."""
-        return ((place, self.anchor(place)) for place in sorted([*self._links]))
+        return ((link.place, link.anchor) for link in self.each())
 
     def each(self) -> Iterator[Link]:
         """Yield the links by ascending place."""
-        return filter(None, map(self.details, sorted([*self._links])))
+        return filter(None, map(self.details, range(len(self._number))))
 
     def details(self, place: int) -> Link | None:
         """Return the link of a place with its anchor of now; None without a link."""
-        if (stored := self._links.get(place)) is None:
+        if not (kept := self._kept_of(place)):
             return None
-        other, confidence, inliers, packed = stored
-        relative = None if packed is None else unpacked_pose(packed)
-        return Link(place, other, self.anchor(place), confidence, inliers, relative)
+        other, confidence, inliers = _FACTS.unpack_from(kept)
+        return Link(
+            place,
+            other,
+            self.anchor(place),
+            None if math.isnan(confidence) else confidence,
+            None if inliers < 0 else inliers,
+            unpacked_pose(kept[_FACTS.size :]) if len(kept) > _FACTS.size else None,
+        )
+
+    def _kept_of(self, place: int) -> bytes:
+        """Return what is kept of the link of a place; nothing without a link."""
+        return self._kept[self._number[place]] if self.is_looked_up(place) else b''
 
     def anchor(self, index: int) -> int:
         """Return the first look of a place: the place itself if it is not linked."""
-        return self._anchors.get(index, index)
+        return self._anchors[index] if index < len(self._anchors) else index
 
     def looks(self, index: int) -> tuple[int, ...]:
         """Return the other places that show the same as a place, without its neighbours."""
-        if not self._links:
+        if not self._linked:
             return ()
-        looks, neighbours = list[int](), self._around(index, LINKS.neighbour_radius)
-        for near in self._around(self.anchor(index), LINKS.reach):
-            if near in self._followers:
-                looks += (near, *self._followers[near])
-            elif self.anchor(near) == near:
-                looks.append(near)
+        looks = self._looks_of(self._around(self.anchor(index), LINKS.reach))
+        neighbours = self._around(index, LINKS.neighbour_radius)
         return tuple(sorted(look for look in looks if look not in neighbours))
+
+    def _looks_of(self, places: range) -> list[int]:
+        """Return the anchors among places, each before the others that have it."""
+        looks = list[int]()
+        for place, anchor in enumerate(self._anchors[places.start : places.stop], places.start):
+            if place == anchor:
+                looks.append(place)
+                while follower := self._next[looks[-1]]:
+                    looks.append(follower)
+        return looks
 
     def followers(self, anchor: int) -> tuple[int, ...]:
         """Return the other places whose anchor is a place."""
-        return (*self._followers.get(anchor, ()),)
+        return (*self._looks_of(range(anchor, anchor + 1))[1:],)
 
     def add(
         self,
@@ -114,24 +136,40 @@ class Links:
         if not 0 <= other < place:
             raise ValueError(f'place {place} cannot be a look of place {other}, not before it')
         with self._adding:
-            if place in self._links or place in self._unlinked:
+            if self._kept_of(place) or place in self._unlinked:
                 return
-            packed = None if relative is None else packed_pose(relative)
+            facts = (
+                other,
+                math.nan if confidence is None else confidence,
+                -1 if inliers is None else inliers,
+            )
+            packed = b'' if relative is None else packed_pose(relative)
             anchor = self.anchor(other if anchor is None else anchor)
-            moved = [place, *self._followers.get(place, ())]
-            self._followers.setdefault(anchor, []).extend(moved)
-            self._links[place] = other, confidence, inliers, packed
-            for follower in moved:
-                self._anchors[follower] = anchor
-            self._followers.pop(place, None)
-            self._recorded.append(place)
+            self._record(place, anchor, _FACTS.pack(*facts) + packed)
+            self._linked += 1
 
     def add_first(self, place: int) -> None:
         """Mark a place as looked up without a result, unless it is looked up already."""
         with self._adding:
-            if place not in self._anchors:
-                self._anchors[place] = place
-                self._recorded.append(place)
+            if not self.is_looked_up(place):
+                self._record(place, place)
+
+    def _record(self, place: int, anchor: int, kept: bytes = b'') -> None:
+        """Record what a place shows; others may read meanwhile."""
+        self._looked_up += not self.is_looked_up(place)
+        new = range(len(self._anchors), place + 1)
+        self._next.extend([0] * len(new))
+        self._number.extend([-1] * len(new))
+        self._anchors.extend(new)
+        if anchor != place:
+            moved = [place, *self.followers(place)]
+            self._next[moved[-1]] = self._next[anchor]
+            for follower in moved:
+                self._anchors[follower] = anchor
+            self._next[anchor] = place
+        self._kept.append(kept)
+        self._number[place] = len(self._kept) - 1
+        self._recorded.append(place)
 
     def add_unlinked(self, place: int) -> None:
         """Mark a place without a link as looked up, and as unlinked by a person."""
@@ -144,12 +182,12 @@ class Links:
 
     def is_looked_up(self, place: int) -> bool:
         """Return whether a place was looked up among the earlier places."""
-        return place in self._anchors
+        return place < len(self._anchors) and self._number[place] >= 0
 
     @property
     def looked_up_count(self) -> int:
         """Number of places that were looked up."""
-        return len(self._anchors)
+        return self._looked_up
 
     def since(self, row: int, end: int) -> list[Row]:
         """Return the records from a row on, up to the first whose place is not before `end`."""

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Online mapping: the map grows while the robot drives."""
 
+from array import array
 from bisect import bisect_left
 
 from convseq_ros.config import Config
@@ -105,7 +106,7 @@ class OnlineMap(PreloadedMap):
         self.reset()
         self.session_start = self.drive_start = self._usable = self._first = start
         # Scenes so far, and at each place from the first of this drive on.
-        self._scenes, self._passed_at = Scenes(), list[int]()
+        self._scenes, self._passed_at = Scenes(), array('q')
 
     def reset(self) -> None:
         """Begin a new session; places of the last one stay recent, as the robot goes on."""
@@ -133,7 +134,7 @@ class OnlineMap(PreloadedMap):
         if not 0 <= stamp_ns - self._map.places[start - 1].stamp_ns <= RECENT.paused_ns:
             return
         self._first = self._map.bounds.around(start - 1, RECENT.keyframes - 1).start
-        self._passed_at = [*range(self._first - start + 1, 1)]  # each place as a scene
+        self._passed_at = array('q', range(self._first - start + 1, 1))  # each place as a scene
         self.drive_start = self._map.bounds.span(start - 1)[0]
 
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
