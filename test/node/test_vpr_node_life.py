@@ -199,6 +199,38 @@ def test_the_memory_of_an_image_serves_the_next():
     assert int(run(sys.executable, '-c', SCRIPT).stdout) < 675
 
 
+HOLES = """
+from pathlib import Path
+import re
+from convseq_ros.node.running import return_free_memory
+def held_kb():
+    return int(re.search(r'RssAnon:\\s+(\\d+)', Path('/proc/self/status').read_text())[1])
+kept = [bytearray(b'x') * 16_384 for _ in range(4000)]
+del kept[::2]
+before = held_kb()
+return_free_memory()
+print(before - held_kb())
+"""
+
+
+def test_memory_that_is_free_between_objects_is_returned():
+    """Each of 2,000 holes has three whole pages."""
+    assert int(run(sys.executable, '-c', HOLES).stdout) > 2000 * 3 * 4 * 0.9
+
+
+ENDING = """
+import os, signal
+from convseq_ros.node import running
+running._RETURNED_S = 0.0
+running.return_free_memory = lambda: os.kill(os.getpid(), signal.SIGTERM)
+running.leave(running.run_until_signal(lambda: running.Node('returning')))
+"""
+
+
+def test_a_node_returns_free_memory_now_and_then():
+    assert run(sys.executable, '-c', ENDING).returncode == 0
+
+
 @pytest.mark.parametrize(
     ('home', 'told'),
     [
