@@ -36,7 +36,7 @@ class ReferenceMap:
     Cells are held in half precision, as in a file, so that a map gives the same answers before it
     is saved and after it is opened. Cells in a file are read on demand and not cached; MapError if
     they are damaged. One thread may add places while others read: a place gets its index when it
-    is complete. A place takes 0.7 kB of memory, its link 0.7 kB, and 16 kB more until it is
+    is complete. A place takes 0.6 kB of memory, its link 0.4 kB, and 16 kB more until it is
     stored. `keyframes` is the spacing of places and of matched frames. `map_id` is a UUID, a new
     one unless the map is read from a file; `links` connect places that show the same scene. Images
     are read only if `keeps_images`; `unreadable` counts those that could not be decoded, and
