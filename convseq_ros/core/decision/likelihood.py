@@ -43,7 +43,7 @@ class COPIES:
 
     # Shares of frames elsewhere that look like a place: by cells in every respect; by keypoints
     # that agree as a scene.
-    cells: float = 0.002
+    cells: float = 5e-4  # chosen by fit_decision.py, with each place left out in turn
     scenes: float = 1e-4
     along: float = 0.3  # share of drives elsewhere along which the strongest place moves, too
     by_chance: float = 9.0  # places in which the strongest one lies by chance (docs/NOTES.md)
