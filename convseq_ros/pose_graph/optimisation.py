@@ -110,10 +110,18 @@ def position_sigma_m(poses: Poses, edges: Iterable[Edge]) -> float:
     for edge in edges:
         if edge.start in poses and edge.end in poses:
             graph.add(factor_of(edge))
-    marginals = gtsam.Marginals(graph, values_of(poses))
+    isam = gtsam.ISAM2(isam_settings())
+    isam.update(graph, values_of(poses))
     asked = [*poses][:: math.ceil(len(poses) / ROBUST.asked)]
-    covariances = [marginals.marginalCovariance(at)[3:, 3:] for at in asked]
+    covariances = [isam.marginalCovariance(at)[3:, 3:] for at in asked]
     return math.sqrt(np.linalg.eigvalsh(covariances)[:, -1].mean())
+
+
+def isam_settings() -> Any:
+    """Return settings of iSAM2 for drives of any length: Cholesky's method fails on long ones."""
+    settings = need_gtsam().ISAM2Params()
+    settings.setFactorization('QR')
+    return settings
 
 
 def values_of(poses: Poses) -> Any:

@@ -14,6 +14,7 @@ from convseq_ros.core.types import constants
 from convseq_ros.pose_graph.edges import Edge, Poses
 from convseq_ros.pose_graph.optimisation import (
     factor_of,
+    isam_settings,
     need_gtsam,
     optimise,
     priors,
@@ -170,7 +171,7 @@ class Solver:
             factor = self._factor(link)
             if link not in self._refused:
                 graph.add(factor)
-        settings = gtsam.ISAM2Params()
+        settings = isam_settings()
         settings.relinearizeSkip = INCREMENTAL.relinearised
         step = gtsam.ISAM2GaussNewtonParams()
         step.setWildfireThreshold(INCREMENTAL.stirred)

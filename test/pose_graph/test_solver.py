@@ -7,7 +7,7 @@ import math
 from convseq_ros.core.rigid import inverse, Matrix
 from convseq_ros.pose_graph import solver as module
 from convseq_ros.pose_graph.edges import Edge
-from convseq_ros.pose_graph.optimisation import optimise
+from convseq_ros.pose_graph.optimisation import optimise, position_sigma_m
 from convseq_ros.pose_graph.solver import Solver
 import numpy as np
 import pytest
@@ -101,6 +101,19 @@ def test_an_early_closure_is_refused_once_enough_others_contradict_it(decided):
     verdicts = grow(Solver(), [*false, *RIGHT[3:]])
     assert verdicts[-1] == (False, False, *[True] * len(RIGHT[3:]))
     assert len(decided) < len(RIGHT) / 2
+
+
+def test_a_drive_of_kilometres_is_solved_although_little_is_known_of_its_end():
+    """Steps of 100 m are known to 0.1 m, and their end to 440 m, by their heading."""
+    count = 30
+    poses = {at: moved(100.0 * at) for at in range(count)}
+    spread = np.diag([0.01] * 3 + [2.5e-3] * 3)
+    steps = [Edge(at, at + 1, moved(100.0), spread, False) for at in range(count - 1)]
+    near = Edge(count - 3, count - 1, moved(200.0), LINK, True)
+    solution = Solver().anew(poses, steps, [near], HELD)
+    assert solution.kept == (True,)
+    assert 400 < math.sqrt(solution.spread[1, 1]) < 450
+    assert 150 < position_sigma_m(poses, [*steps, near]) < 250
 
 
 def test_a_graph_that_is_held_otherwise_is_solved_anew():
