@@ -65,9 +65,11 @@ def test_numbers_of_numpy_are_taken_as_those_of_python(name, value, kind):
     ('group', 'name'),
     [(NodeConfig, 'map_frame'), (NodeConfig, 'base_frame'), (PoseGraphConfig, 'map_frame')],
 )
-def test_a_frame_without_a_name_is_refused(group, name):
-    with pytest.raises(ConfigError, match=f'{name}: names no TF frame; the default is '):
-        group(**{name: ' '})
+def test_a_frame_has_a_name_and_no_slash_of_ros_1_before_it(group, name):
+    for value in ' ', '/':
+        with pytest.raises(ConfigError, match=f'{name}: names no TF frame; the default is '):
+            group(**{name: value})
+    assert getattr(group(**{name: '/robot1/x'}), name) == 'robot1/x'  # as TF 2 has it
 
 
 def test_the_shipped_parameter_file_holds_the_defaults_of_the_code():

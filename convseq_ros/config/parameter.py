@@ -54,8 +54,12 @@ class Parameter:
             raise ConfigError(f'{self.name}: {value!r} is not one of {", ".join(self.choices)}')
         if isinstance(value, float) and not math.isfinite(value):
             raise ConfigError(f'{self.name}: {value!r} is not a finite number')
-        if self.is_frame and not str(value).strip():
-            raise ConfigError(f'{self.name}: names no TF frame; the default is {self.default!r}')
+        if self.is_frame:
+            value = str(value).removeprefix('/')  # of ROS 1; TF 2 has none
+            if not value.strip():
+                raise ConfigError(
+                    f'{self.name}: names no TF frame; the default is {self.default!r}'
+                )
         if self.is_path:
             return local(str(value))
         too_low = self.low is not None and value < self.low  # type: ignore[operator]

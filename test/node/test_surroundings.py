@@ -212,7 +212,8 @@ def test_odometry_of_another_frame_waits_for_tf_and_is_then_carried_or_left_out(
     soon = tracked()
     soon.hear((0, SECOND), child='imu')
     soon.bases['imu'] = Pose((0.0, 2.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    soon.hear((1, 2 * SECOND), child='imu')
+    soon.hear((1, 2 * SECOND), child='imu', frame_id='/odom')
+    assert soon.odometry.frame_id == 'odom'
     assert soon.pose_at(2 * SECOND).position == (1.0, 2.0, 0.0) and not soon.warning.called
 
 
@@ -255,7 +256,7 @@ def mount(node, monkeypatch):
 
 
 def test_a_lens_frame_that_looks_ahead_gives_a_mount_without_rotation(node, mount):
-    pose = mount.of('lens')
+    pose = mount.of('/lens')  # as by ROS 1; TF 2 has no slash
     assert pose.position == pytest.approx((0.3, 0.0, 1.2))
     assert pose.orientation == pytest.approx((0, 0, 0, 1), abs=1e-9)
     asked = mount._buffer.asked

@@ -6,7 +6,7 @@ from typing import Any
 
 from convseq_ros.core.types import Pose
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.sources.mount import OdometryFrame, pose_of_transform, told_mount
+from convseq_ros.sources.mount import OdometryFrame, plain_frame, pose_of_transform, told_mount
 from rclpy.node import Node
 from rclpy.time import Time
 
@@ -27,6 +27,7 @@ class Mount:
 
     def of(self, optical_frame: str) -> Pose | None:
         """Return the pose of an optical frame, turned to x along the lens; None if unknown."""
+        optical_frame = plain_frame(optical_frame)
         if optical_frame not in self._poses and self._buffer and optical_frame:
             frames = self._base_frame, optical_frame, Time()
             if self._buffer.can_transform(*frames):

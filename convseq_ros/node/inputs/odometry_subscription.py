@@ -9,7 +9,7 @@ from convseq_ros.core.types import Pose
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.inputs.following_subscription import FollowingSubscription
 from convseq_ros.node.inputs.listener import ListeningNode
-from convseq_ros.sources.mount import OdometryFrame
+from convseq_ros.sources.mount import OdometryFrame, plain_frame
 from convseq_ros.sources.pose_track import odometry_from_message
 from nav_msgs.msg import Odometry
 
@@ -49,4 +49,4 @@ class OdometrySubscription(FollowingSubscription):
                 line = self._frame.problem(message.child_frame_id)
                 self._logger.warning(f'{self.topic}: {line}', once=True)
             return
-        self._on_pose(stamp_ns, pose, message.header.frame_id)
+        self._on_pose(stamp_ns, pose, plain_frame(message.header.frame_id))
