@@ -13,12 +13,15 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.pose.image_pose import (
+    ImagePoses,
     KEYPOINT,
     KeypointView,
     matched_keypoints,
     SiftKeypoints,
 )
+from convseq_ros.core.pose.map_motion import MapMotion
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.rigid import inverse, matrix, ROBOT_LENS
 from convseq_ros.core.types import Camera
 import cv2
 from measured_pose import measured, off
@@ -52,6 +55,15 @@ def test_kept_images_give_the_pose_to_5_cm(street, whole, index):
     assert 0.001 < pose.position_sigma_m < 0.05
     assert pose.position_m == again.position_m
     assert np.array_equal(pose.covariance, again.covariance)
+
+
+def test_from_a_guess_that_is_20_m_off_points_with_depth_give_a_start(street, whole):
+    query, guess = street[1][9], np.eye(4)
+    guess[2, 3] = -20.0
+    found = ImagePoses(whole, MapMotion(whole), 64.0).align(11, query.camera, query, guess)
+    there = inverse(matrix(whole.places[11].pose)) @ matrix(query.pose)
+    expected = inverse(ROBOT_LENS) @ there @ ROBOT_LENS
+    assert np.linalg.norm((inverse(found.moved) - expected)[:3, 3]) < 0.05
 
 
 def test_cells_give_the_pose_where_keypoints_do_not_agree(street, whole):
