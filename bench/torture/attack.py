@@ -29,7 +29,8 @@ class Try(NamedTuple):
 # it is for each decoder.
 ATTACKS = {
     'fuzz': ('fuzz', 20_000),
-    'graph_kills': ('graph_kills', 10),
+    'graph_kills': ('graph_kills', 20),
+    'graph_numbers': ('graph_numbers', 200),
     'hostile_maps': ('hostile_maps', 100),
     'images': ('messages', 500),
     'log_damage': ('damage', 500),

@@ -22,7 +22,7 @@ from bench.torture.disk import compiler, environment
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NEED_A_COMPILER = {'map_power': 24, 'map_writes': 8}  # tries
-CHEAP = {'hostile_maps': 10, 'log_damage': 20, 'map_damage': 25, 'fuzz': 10}
+CHEAP = {'hostile_maps': 10, 'log_damage': 20, 'map_damage': 25, 'fuzz': 10, 'graph_numbers': 5}
 
 
 def need_packages():
@@ -36,6 +36,8 @@ def test_files_and_decoders_survive_a_short_part_of_the_torture(name, count):
         pytest.skip('needs a C compiler')
     if name == 'fuzz' and fuzz.MISSING:
         pytest.skip(fuzz.MISSING)
+    if name == 'graph_numbers':
+        pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
     need_packages()
     done = run(sys.executable, '-m', 'bench.torture', name, '--count', count, cwd=REPOSITORY)
     assert done.returncode == 0, done.stdout + done.stderr
