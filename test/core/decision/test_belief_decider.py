@@ -136,6 +136,13 @@ def test_an_accepted_match_has_confidence_score_inliers_length_and_localization(
         assert match.localization.quality == match.confidence
 
 
+def test_an_answer_has_five_candidates_that_are_not_near_each_other(street, drive):
+    close = with_values(OWN, {'rival_distance': 1})
+    for match in drive(PlaceRecognizer(street, close), range(1000, 1003)):
+        indices = [one.reference_index for one in match.candidates]
+        assert len(indices) == 5 and np.diff(sorted(indices)).min() > 1
+
+
 def test_after_the_first_match_frames_are_compared_with_fewer_places(street, drive):
     matches = drive(PlaceRecognizer(street, OWN), range(10, 20))
     first = next(index for index, match in enumerate(matches) if match.accepted)
