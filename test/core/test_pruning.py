@@ -7,8 +7,9 @@ from unittest.mock import Mock
 from convseq_ros.app.map_builder import build_map, MapBuilder
 from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.config import EncodingConfig, make_config
+from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.edit import prune_looks
-from convseq_ros.core.map.online import recognised_place
+from convseq_ros.core.map.online import OnlineMap, recognised_place
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.pruning import Pruning, STRETCH
 from convseq_ros.core.map.reader import open_map
@@ -181,6 +182,21 @@ def test_a_map_of_a_path_that_is_driven_repeatedly_stops_growing_and_is_recognis
     anchors = [match.anchor for match in found if match.accepted]
     assert {one.session_id for one in anchors[STRETCH.keyframes :]} == {first.sessions[0].id}
     assert all(isinstance(one, Anchor) and one.stamp_ns < 90 * SECOND for one in anchors[20:])
+
+
+def test_of_a_place_with_looks_enough_nothing_is_added_and_what_is_new_is_at_once(monkeypatch):
+    whole, gray = driven([0]), np.zeros((64, 64), np.uint8)
+    mapping = OnlineMap(whole, make_config({'mode': 'online', 'image_size_px': 64}))
+    monkeypatch.setattr(mapping._pruning, 'has_room', lambda *_: False)
+    shown = describe(gray, ENCODING)
+
+    def drive(reason):
+        match = Match(0, 1, reason, (Candidate(7, 1, 0.9),), 2)
+        mapping.add(Frame(DAY, gray), shown, match)
+        return len(whole) - ROUND
+
+    assert {drive(Reason.ACCEPTED) for _ in range(2 * STRETCH.keyframes + 2)} == {0}
+    assert drive(Reason.WEAK) == 1
 
 
 def test_build_map_keeps_every_keyframe_unless_asked(path, tmp_path, image):

@@ -179,6 +179,15 @@ def test_places_become_usable_once_more_than_20_scenes_were_passed_since(
     assert mapping.usable == expected[-1] + 1
 
 
+def test_a_camera_that_follows_another_takes_over_its_session_with_the_next_keyframe():
+    leader, reference_map, _ = grown(range(1, 5))
+    followed = FollowedMap(reference_map, leader)
+    leader.reset()
+    assert followed.session_start == 0
+    followed.follow(None, 0)
+    assert (followed.session_start, followed.drive_start) == (4, 4)
+
+
 def test_a_new_session_begins_at_the_end_of_the_map_and_the_last_places_stay_recent():
     mapping, reference_map, _ = grown(range(1, 5))
     follow(mapping, 4, 5)
