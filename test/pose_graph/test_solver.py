@@ -106,10 +106,10 @@ def test_an_early_closure_is_refused_once_enough_others_contradict_it(decided):
 def test_a_drive_of_kilometres_is_solved_although_little_is_known_of_its_end():
     """Steps of 100 m are known to 0.1 m, and their end to 440 m, by their heading."""
     count = 30
-    poses = {at: moved(100.0 * at) for at in range(count)}
+    poses = {at: pose(100.0 * at) for at in range(count)}
     spread = np.diag([0.01] * 3 + [2.5e-3] * 3)
-    steps = [Edge(at, at + 1, moved(100.0), spread, False) for at in range(count - 1)]
-    near = Edge(count - 3, count - 1, moved(200.0), LINK, True)
+    steps = [Edge(at, at + 1, pose(100.0), spread, False) for at in range(count - 1)]
+    near = Edge(count - 3, count - 1, pose(200.0), LINK, True)
     solution = Solver().anew(poses, steps, [near], HELD)
     assert solution.kept == (True,)
     assert 400 < math.sqrt(solution.spread[1, 1]) < 450
