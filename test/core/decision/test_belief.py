@@ -18,7 +18,7 @@ import pytest
 
 NARROW = 0.1  # places; so what is moved goes to one place
 
-COPY = 0.002  # share of frames elsewhere that look like a place
+COPY = 0.0005  # share of frames elsewhere that look like a place
 
 
 class Driven:
@@ -125,7 +125,7 @@ def test_a_lost_robot_is_in_an_earlier_map_with_probability_one_half(a_map):
             Belief(a_map(count), Driven(), in_the_dark()), np.zeros(count), earlier=earlier
         ).mass.sum()
 
-    assert first_mass(400, 400) == pytest.approx((1 - COPY) * 0.5, abs=5e-4)
+    assert first_mass(1000, 1000) == pytest.approx((1 - COPY) * 0.5, abs=5e-4)
     assert first_mass(100, 100) == pytest.approx(100 * COPY, abs=1e-3)  # no frame decides
     assert first_mass(100, 0) == pytest.approx((1 - COPY) * 5e-4, rel=0.01)  # of no earlier drive
     belief = updated(Belief(a_map(400), Driven(), in_the_dark()), np.full(400, -40.0), earlier=400)
@@ -146,10 +146,10 @@ def test_half_of_the_mass_is_where_others_say_and_the_other_half_stays_lost(a_ma
 
 
 def test_mass_that_runs_off_a_session_may_be_anywhere_in_the_map(a_map):
-    belief = sure_of(Belief(a_map(400, 4), Driven(), in_the_dark()), 403)
-    belief.predict(404, 404)
+    belief = sure_of(Belief(a_map(1000, 4), Driven(), in_the_dark()), 1003)
+    belief.predict(1004, 1004)
     assert belief.elsewhere > 0.99
-    updated(belief, np.zeros(404), earlier=404)
+    updated(belief, np.zeros(1004), earlier=1004)
     assert belief.mass.sum() == pytest.approx(0.5, abs=0.01)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 EXPECTED = (0, 2, 4, 6, 8)
-COPY = 0.002  # share of the mass that enters at a copy
+COPY = 0.0005  # share of the mass that enters at a copy
 ENDING = 0.004  # share of copies, per step
 LEAST = 2 * 2**0.5  # twice the root of the blocks that chance gives
 NEW, OURS, EARLIER = np.array([3]), np.array([7]), 5  # a place of an earlier drive, of this one

@@ -15,7 +15,7 @@ from convseq_ros.core.geometry.verification import Verification
 import numpy as np
 import pytest
 
-ALL = 0.002  # share of frames elsewhere whose cells look like a place in every respect
+ALL = 0.0005  # share of frames elsewhere whose cells look like a place in every respect
 SCENES = 1e-4  # ... and whose keypoints agree as a scene
 ALONE = np.zeros((1, 1))  # a place is at no distance from itself
 FAR = np.where(np.eye(4), 0.0, np.inf)  # of four places, none says anything of another
