@@ -57,6 +57,9 @@ def test_an_existing_link_stays_and_a_link_to_a_later_place_is_refused():
     for other in (20, 21, -1):
         with pytest.raises(ValueError, match=f'place 20 .* place {other},'):
             links.add(20, other)
+    # -1 and 99 are no places of the map.
+    assert not any(map(links.details, (-1, 99))) and [*map(links.anchor, (-1, 99))] == [-1, 99]
+    assert not any(map(links.is_looked_up, (-1, 99)))
 
 
 @settings(max_examples=200, deadline=None)

@@ -94,7 +94,7 @@ class Links:
 
     def anchor(self, index: int) -> int:
         """Return the first look of a place: the place itself if it is not linked."""
-        return self._anchors[index] if index < len(self._anchors) else index
+        return self._anchors[index] if 0 <= index < len(self._anchors) else index
 
     def looks(self, index: int) -> tuple[int, ...]:
         """Return the other places that show the same as a place, without its neighbours."""
@@ -182,7 +182,7 @@ class Links:
 
     def is_looked_up(self, place: int) -> bool:
         """Return whether a place was looked up among the earlier places."""
-        return place < len(self._anchors) and self._number[place] >= 0
+        return 0 <= place < len(self._anchors) and self._number[place] >= 0
 
     @property
     def looked_up_count(self) -> int:
