@@ -184,17 +184,23 @@ def correction(message: Any, camera: Camera | None) -> str:
 
 
 def misfit(camera: Camera, height: int, width: int) -> str:
-    """Return a line if a camera is stretched to fit images of another size; else nothing."""
+    """Return a line if a camera is not of images of a size, in pixels; else nothing."""
     if are_proportional((camera.height_px, camera.width_px), (height, width)):
         return ''
     return (
-        f'camera_info is of {camera.width_px} x {camera.height_px} px and stretched to images of '
-        f'{width} x {height} px; check that it is of this camera, and that no part is cut off'
+        f'camera_info is of {camera.width_px} x {camera.height_px} px, and images of {width} x '
+        f'{height} px have other proportions: it is left out; give the one of these images'
     )
 
 
-def fitted(camera: Camera, height: int, width: int) -> Camera:
-    """Return the camera for images of another size: drivers describe the unscaled images."""
+def fitted(camera: Camera, height: int, width: int) -> Camera | None:
+    """
+    Return the camera for images of another size: drivers describe the unscaled images.
+
+    None for images of other proportions: a part is cut off, nobody knows which.
+    """
+    if misfit(camera, height, width):
+        return None
     if (camera.height_px, camera.width_px) == (height, width):
         return camera
     across, down = width / camera.width_px, height / camera.height_px

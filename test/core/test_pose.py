@@ -208,7 +208,7 @@ def test_a_known_shift_is_a_known_angle_also_of_smaller_images():
     assert shift_px((2.0, -3.0), HEIGHT, WIDTH, CELLS) == (30.0, -60.0)
     assert relative_yaw((17.0, -2 * half_px), CAMERA) == pytest.approx(math.radians(45))
     assert relative_yaw((0.0, 100.0), CAMERA) == -relative_yaw((0.0, -100.0), CAMERA)
-    small = fitted(CAMERA, HEIGHT // 2, WIDTH // 4)
-    assert small == Camera(160, 240, 125.0, 250.0, 80.0, 120.0)
+    small = fitted(CAMERA, HEIGHT // 2, WIDTH // 2)
+    assert small == Camera(320, 240, 250.0, 250.0, 160.0, 120.0)
     assert fitted(CAMERA, HEIGHT, WIDTH) is CAMERA
-    assert relative_yaw((0.0, 10.0), small) == pytest.approx(relative_yaw((0.0, 40.0), CAMERA))
+    assert relative_yaw((0.0, 10.0), small) == pytest.approx(relative_yaw((0.0, 20.0), CAMERA))

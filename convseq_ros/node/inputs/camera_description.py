@@ -33,12 +33,13 @@ class CameraDescription:
         return self._camera is not None
 
     def for_image(self, height: int, width: int) -> Camera | None:
-        """Return the camera for images of a size in pixels; None if it is not calibrated."""
+        """Return the camera for images of a size in pixels; None without one of them."""
         if (camera := self._camera) is None:
             return None
         if line := misfit(camera, height, width):
             self._once.warn(f'{self._subscription.topic}: {line}')
-        return replace(fitted(camera, height, width), mount=self._mount.of(self._frame_id))
+        camera = fitted(camera, height, width)
+        return camera and replace(camera, mount=self._mount.of(self._frame_id))
 
     def _on_camera_info(self, message: Any) -> None:
         try:
