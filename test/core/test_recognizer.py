@@ -79,6 +79,9 @@ def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, dri
     asked = [match for match in matches if match.reason is not Reason.BETWEEN_KEYFRAMES]
     assert [match.best.reference_index for match in asked[4:]] == [*range(14, 30)]
     assert all(match.accepted for match in asked[-6:])
+    # The views are the same; only an accepted match tells how much of them is common.
+    assert all(bool(match.overlap) == bool(match.accepted) for match in matches)
+    assert min(match.overlap for match in asked[-6:]) > 0.9
 
 
 def test_pair_scores_and_features_are_those_of_the_newest_keyframe(third_places, drive):
