@@ -54,6 +54,9 @@ def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
     if poses:
         help_ = 'text file of poses instead, as TUM or KITTI; or a folder with one for each image'
         add('--poses', type=Path, metavar='FILE', help=help_)
+        help_ = "axes of poses of TUM: a robot's, x ahead, z up, or a lens's, z ahead, y down; "
+        help_ += 'default: robot, unless they move along their z'
+        add('--pose-axes', choices=('robot', 'lens'), default='', help=help_)
     help_ = f'topic or file (YAML of ROS, calib.txt of KITTI, matrix) of the camera; {several}'
     add('--camera-info', type=local, default='', metavar='TOPIC|FILE', help=help_)
     base = NodeConfig().base_frame
@@ -63,7 +66,7 @@ def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
 
 def chosen_images(chosen: argparse.Namespace) -> dict[str, Any]:
     """Return what `add_images` declares, as `open_each_camera` takes it."""
-    names = 'odom', 'camera_info', 'poses'
+    names = 'odom', 'camera_info', 'poses', 'pose_axes'
     tf = Tf(chosen.base_frame, _given_mount(chosen), note)
     texts = {name: getattr(chosen, name, None) or '' for name in names}
     return {'topics': chosen.topic, 'tf': tf, 'rate_hz': chosen.rate, **texts}

@@ -71,14 +71,15 @@ def open_annotated(
     reading: ReadingConfig = ReadingConfig(),
     tf: Tf = Tf(),
     rate_hz: float | None = None,
+    pose_axes: str = '',
 ) -> Source:
     """
     Open a source as `open_source`, with poses and camera from topics or files.
 
     `odom` is a topic of poses, `poses` a text file of them, as TUM or KITTI write it, or a folder
-    with one for each image; `camera_info` a topic, or a file of `read_camera_file`. Where the
-    camera is on the robot is read from /tf_static of a recording, as `tf` says. SourceError if any
-    of them cannot be read.
+    with one for each image, in `pose_axes` as `read_pose_file` has them; `camera_info` a topic, or
+    a file of `read_camera_file`. Where the camera is on the robot is read from /tf_static of a
+    recording, as `tf` says. SourceError if any of them cannot be read.
     """
     path = Path(path)
     source = open_source(path, topic, reading, rate_hz)
@@ -86,7 +87,7 @@ def open_annotated(
         raise SourceError(f'poses of topic {odom} or of file {poses}: give one of them')
     if not (odom or poses or camera_info):
         return source
-    pose_at = _poses(source, path, odom, poses, reading, tf)
+    pose_at = _poses(source, path, odom, poses, reading, tf, pose_axes)
     is_folder = path.is_dir() and not holds_recording(path)
     camera_of: CameraOf | None = None
     optical_frame = ''
@@ -105,11 +106,17 @@ def open_annotated(
 
 
 def _poses(
-    source: Source, path: Path, odom: str, poses: Path | str | None, reading: ReadingConfig, tf: Tf
+    source: Source,
+    path: Path,
+    odom: str,
+    poses: Path | str | None,
+    reading: ReadingConfig,
+    tf: Tf,
+    axes: str,
 ) -> PoseAt | None:
     """Return the poses of a source's frames, of a file or of a topic; None if there are none."""
     if poses:
-        pose_at = read_pose_file(Path(poses), len(source), reading, source.warnings)
+        pose_at = read_pose_file(Path(poses), len(source), reading, source.warnings, axes)
         _refuse_other_times(source, pose_at, Path(poses))
         return pose_at
     if not odom:

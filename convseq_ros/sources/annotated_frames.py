@@ -53,4 +53,4 @@ class AnnotatedFrames:
                 'drive, that both clocks agree, and that poses are at most 1.5 s apart'
             )
         if line := motion.problem:
-            self.warnings.add(f'{self.poses_of}: {line}')
+            self.warnings.add(f'{self.poses_of}: {line}; convert them (docs/FILES.md)')

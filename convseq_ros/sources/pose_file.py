@@ -9,12 +9,12 @@ from pathlib import Path
 import re
 
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.core.rigid import quaternion, ROBOT_LENS
+from convseq_ros.core.rigid import matrix, pose_of, quaternion, ROBOT_LENS
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.io.files import read_text
 from convseq_ros.sources.folder import natural_key
-from convseq_ros.sources.pose_track import EARTH, is_far, PoseTrack
+from convseq_ros.sources.pose_track import EARTH, is_far, OwnMotion, PoseTrack
 import numpy as np
 import numpy.typing as npt
 
@@ -23,6 +23,7 @@ _TUM, _KITTI = (8, 9), (12, 16)  # numbers per line
 _NUMBER = re.compile(r'(?<!\w)[-+.]?(?:[0-9]|inf|nan)')
 _W_FIRST = re.compile(r'\bq\w*w\b.*\bq\w*x\b', re.IGNORECASE)  # of EuRoC, COLMAP, AirSim
 _CONVERTERS = 'evo_traj converts EuRoC, docs/FILES.md shows how AirSim and NeRF'
+_CHOICE = '--pose-axes lens converts them, --pose-axes robot takes them as they are'
 _MILLISECONDS = 10**12  # since 1970, or finer units, are stamps from here on
 # KITTI uses the axes of a lens (x right, y down, z ahead), ROS those of a robot (REP-103: x ahead,
 # y left, z up).
@@ -35,6 +36,7 @@ def read_pose_file(
     frames: int,
     reading: ReadingConfig = ReadingConfig(),
     warnings: list[str] | None = None,
+    axes: str = '',
 ) -> PoseAt:
     """
     Return a function that gives a frame's pose from a file with one pose per line; or SourceError.
@@ -46,6 +48,9 @@ def read_pose_file(
     from those of a lens to those of a robot. A folder has a text file with one matrix for each
     frame (7-Scenes). Numbers have blanks or commas between. `warnings` gets the line of
     `PoseTrack.problem`, if there is one.
+
+    TUM's poses are in `axes` of a 'robot', or of a 'lens', which are converted. If nobody says so,
+    poses that move along their own z are refused.
     """
     rows = list(_rows(path, reading))
     if not rows:
@@ -62,6 +67,10 @@ def read_pose_file(
         except ValueError as error:
             raise SourceError(f'{where}: {str(error)[:200]}') from None
     if size in _TUM:
+        if axes == 'lens':
+            stamped = _of_robot(stamped)
+        elif not axes and (line := OwnMotion.of(pose for _, pose in stamped).problem):
+            raise SourceError(f'{path}: {line}; {_CHOICE}')
         track = PoseTrack(sorted(stamped, key=lambda item: item[0]))
         if track.problem and warnings is not None:
             warnings.append(f'{path}: {track.problem}')
@@ -125,6 +134,15 @@ def _tum(words: list[str]) -> tuple[int, Pose]:
         raise ValueError('the quaternion is zero; leave the line out')
     qx, qy, qz, qw = (value / length for value in turn)
     return int(stamp), Pose((x, y, z), (qx, qy, qz, qw))
+
+
+def _of_robot(stamped: list[tuple[int, Pose]]) -> list[tuple[int, Pose]]:
+    """Return poses of a lens as those of a robot; the z of their world points up, or ahead."""
+    lenses = [matrix(pose) for _, pose in stamped]
+    up = -np.mean([lens[:3, 1] for lens in lenses], axis=0)  # the lens is upright on the whole
+    world = np.eye(4) if up[2] > -up[1] else ROBOT_LENS
+    turned = (pose_of(world @ lens @ ROBOT_LENS.T) for lens in lenses)
+    return [(stamp_ns, pose) for (stamp_ns, _), pose in zip(stamped, turned, strict=True)]
 
 
 def _kitti(words: list[str]) -> Pose:

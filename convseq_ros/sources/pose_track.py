@@ -128,6 +128,14 @@ class OwnMotion:
         self._last: Pose | None = None
         self._moved_m = np.zeros(3)
 
+    @classmethod
+    def of(cls, poses: Iterable[Pose]) -> 'OwnMotion':
+        """Return the motion of poses in a row."""
+        motion = cls()
+        for pose in poses:
+            motion.add(pose)
+        return motion
+
     def add(self, pose: Pose) -> None:
         """Take in the next pose."""
         last = self._last = self._last or pose
@@ -143,8 +151,8 @@ class OwnMotion:
         if z < max(_LEAST_M, x + y):
             return ''
         return (
-            f'poses move along their own z ({z:.0f} of {x + y + z:.0f} m), as those of a lens; '
-            'they are taken as x ahead, z up: convert them (docs/FILES.md)'
+            f'poses move along their own z ({z:.0f} of {x + y + z:.0f} m), as those of a lens, '
+            'and not along x, as those of a robot'
         )
 
 

@@ -405,19 +405,25 @@ def test_shivering_is_no_motion_along_an_axis():
     assert not source.warnings
 
 
-FILES = Path(__file__).resolve().parents[2] / 'docs' / 'FILES.md'
-
-
-def test_the_page_turns_poses_of_a_lens(file):
+def test_poses_of_a_lens_are_converted_if_somebody_says_so(file):
     """As KITTI's are turned: a metre to the right, one down and one ahead, turned to the right."""
-    (script,) = re.findall(r"awk ('.*') CameraTrajectory.txt", FILES.read_text())
     half = math.sqrt(0.5)
-    lens = file(f'5 1 3 0 0 {half} 0 {half}')
-    done = run('sh', '-c', f'awk {script} {lens}')
-    turned = read_pose_file(file(done.stdout), 1)(0, 5 * SECOND)
+    turned = read_pose_file(file(f'5 1 3 0 0 {half} 0 {half}'), 1, axes='lens')(0, 5 * SECOND)
     kitti = read_pose_file(file(RIGHT), 1)(0, 0)
-    assert turned.position == kitti.position
+    assert turned.position == pytest.approx(kitti.position)
     assert turned.orientation == pytest.approx(kitti.orientation)
+    # In a world whose z points up, a lens that looks along x.
+    level = read_pose_file(file('5 1 3 2 -0.5 0.5 -0.5 0.5'), 1, axes='lens')(0, 5 * SECOND)
+    assert level.position == pytest.approx((1, 3, 2))
+    assert level.orientation == pytest.approx((0, 0, 0, 1))
+
+
+def test_poses_that_move_as_those_of_a_lens_are_refused_unless_somebody_says_so(file):
+    path = file(*(f'{at} 0 0 {at} 0 0 0 1' for at in range(8)))
+    with pytest.raises(SourceError, match=r'own z \(7 of 7 m\).*--pose-axes lens converts them'):
+        read_pose_file(path, 8)
+    ways = [read_pose_file(path, 8, axes=axes)(0, 5 * SECOND) for axes in ('robot', 'lens')]
+    assert [way.position for way in ways] == [(0, 0, 5), pytest.approx((5, 0, 0))]
 
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'howto' / 'satellite_fixes.md'
