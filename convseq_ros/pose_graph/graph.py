@@ -383,7 +383,8 @@ class PoseGraph:
         closure = one.closure
         found = self.running.place(closure.query_ns)
         reference = self._reference(closure)
-        if reference is None and closure.query_ns in self._absolute:
+        # One without a session is of this drive, or comes again, with its session.
+        if reference is None and closure.session and closure.query_ns in self._absolute:
             moved, covariance = self._absolute[closure.query_ns]
             closure = replace(closure, moved=moved, covariance=covariance)
             reference = _MAP, np.eye(4)
@@ -399,7 +400,12 @@ class PoseGraph:
             self.apart_ns = closure.query_ns, newest_ns
         if closure.query_ns < first_ns or newest_ns - closure.query_ns > LIVE.patience_ns:
             one.kept = False
-            self.without_place += 1
+            ends = closure.key[::2]
+            is_again = not closure.session and any(
+                key[1] and key[::2] == ends for key in self.known
+            )
+            self.twice += is_again
+            self.without_place += not is_again
         return None
 
     def _link(self, closure: Closure, reference: Place, query: Place) -> Edge:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The growing pose graph: drift goes, false closures are refused, bad input is survived."""
 
+from dataclasses import replace
 import math
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
@@ -213,6 +214,16 @@ def test_a_place_of_the_map_moves_the_drive_into_the_frame_of_the_map():
         graph.add_closure(closure(step, 3, session='earlier'))
     solve(graph)
     assert np.allclose(graph.correction, there, atol=0.2)
+
+
+def test_a_match_in_a_map_that_is_told_as_a_pair_too_counts_once():
+    graph, there = driven(DRIFTED[:30], PoseGraph(in_map=True)), pose(200.0, -50.0, 2.0)
+    graph.add_pose(stamp(22), there @ DRIFTED[22], MEASURED)
+    own = Closure(stamp(22), -SECOND, np.eye(4), SAME_PLACE)
+    assert solve(graph, own, replace(own, session='earlier')) == [None, True]
+    assert graph.counts['kept'] == 1 and graph.correction is None  # which takes two matches
+    driven(DRIFTED[30:90], graph, first=30)  # until nothing waits
+    assert graph.problem() is None and (graph.twice, graph.without_place) == (1, 0)
 
 
 def out_and_back(graph: PoseGraph, length_m: int) -> PoseGraph:
