@@ -72,7 +72,8 @@ class PoseGraphNode(ListeningNode):
         _refuse_files(config)
         self._graph = PoseGraph(config)
         self._lock, self._solving = Lock(), Lock()
-        self._map_id, self._read_id, self._problem = '', '', ''
+        self._map_id = self._read_id = self._problem = ''
+        self._unsolved = ''  # why the newest solution failed
         path = Path(config.map_path)
         if config.map_path and path.exists() and path.stat().st_size:
             self._read_id = map_id_of(path)
@@ -256,12 +257,12 @@ class PoseGraphNode(ListeningNode):
                     f'{stamp_ns / 1e9:.3f}: the robot was carried away or slipped; odometry is '
                     'loosened there'
                 )
-            self._breaks = breaks
+            self._breaks, self._unsolved = breaks, ''
             for one in changed:
                 self._tell(one)
         except Exception as error:
-            self._problem = f'the graph is not solved: {with_traceback(error)}'
-            self.get_logger().error(self._problem)
+            self._unsolved = f'the graph is not solved: {with_traceback(error)}'
+            self.get_logger().error(self._unsolved)
         finally:
             self._solving.release()
 
@@ -289,10 +290,8 @@ class PoseGraphNode(ListeningNode):
         self._diagnostics.publish(message)
 
     def _state(self, values: dict[str, Any]) -> tuple[bytes, str]:
-        if self._problem:
-            return DiagnosticStatus.ERROR, self._problem
-        if self._transform.problem:
-            return DiagnosticStatus.ERROR, self._transform.problem
+        if problem := self._problem or self._unsolved or self._transform.problem:
+            return DiagnosticStatus.ERROR, problem
         if self._backlog.since_s:
             return DiagnosticStatus.WARN, 'the map is read'
         if not values['keyframes']:

@@ -14,6 +14,7 @@ from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.rigid import inverse, matrix, pose_of, turned_by
 from convseq_ros.errors import ConvseqError
 from convseq_ros.node.conversions import pose_only_message, stamp_from_ns, stamp_to_ns
+from convseq_ros.pose_graph.problem import Problem
 from convseq_ros.sources.pose_track import pose_from_message
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TransformStamped
@@ -330,6 +331,22 @@ def test_a_map_that_is_damaged_meanwhile_is_reported_and_nothing_is_guessed(
     level, text = node._state(node._graph.counts)
     assert level == DiagnosticStatus.ERROR and 'the map is not read: ' in text
     assert node._graph.correction is None
+
+
+def test_a_graph_that_is_not_solved_is_an_error_until_it_is(client, graph_node, monkeypatch):
+    node = graph_node()
+    drive(node)
+
+    def state() -> tuple[bytes, str]:
+        return node._state(node._graph.counts)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Problem, 'solve', Mock(side_effect=RuntimeError('singular')))
+        node._on_closure(RIGHT[0])
+        client.wait_for(lambda: state()[0] == DiagnosticStatus.ERROR)
+        assert state()[1].startswith('the graph is not solved: ') and 'singular' in state()[1]
+    close(client, node, *RIGHT[1:])
+    client.wait_for(lambda: state()[0] == DiagnosticStatus.OK)
 
 
 @pytest.mark.parametrize(('content', 'told'), [(b'no map', 'not a convseq map'), (b'', '')])
