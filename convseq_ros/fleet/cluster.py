@@ -37,7 +37,7 @@ _LOCAL = {
 @contextmanager
 def started(workers: int) -> Iterator[Any]:
     """Yield a `distributed.Client` of so many processes of this machine, which end with it."""
-    dask, distributed = (load(name, 'a fleet', FleetError) for name in ('dask', 'distributed'))
+    distributed, dask = (load(name, 'a fleet', FleetError) for name in ('distributed', 'dask'))
     with dask.config.set(_LOCAL), tempfile.TemporaryDirectory() as folder:
         try:
             cluster = distributed.LocalCluster(
