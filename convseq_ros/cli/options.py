@@ -55,7 +55,7 @@ def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
         help_ = 'text file of poses instead, as TUM or KITTI; or a folder with one for each image'
         add('--poses', type=Path, metavar='FILE', help=help_)
         help_ = "axes of poses of TUM: a robot's, x ahead, z up, or a lens's, z ahead, y down; "
-        help_ += 'default: robot, unless they move along their z'
+        help_ += 'default: robot, and a file whose poses move along their z is refused'
         add('--pose-axes', choices=('robot', 'lens'), default='', help=help_)
     help_ = f'topic or file (YAML of ROS, calib.txt of KITTI, matrix) of the camera; {several}'
     add('--camera-info', type=local, default='', metavar='TOPIC|FILE', help=help_)

@@ -124,14 +124,9 @@ class Appender(MapOwner):
             if not (self.committed or self._keeps_empty) and self._writer.is_new:
                 self._refuse_replaced()
                 self._path.unlink()
-        if self.has_surplus:
+        if Pruning(self.reference_map, self._max_looks).surplus:
             self.removed = prune_looks(self._path, self._max_looks)
             self.committed -= self.removed
-
-    @property
-    def has_surplus(self) -> bool:
-        """Whether a place has more stretches than `max_looks`."""
-        return bool(Pruning(self.reference_map, self._max_looks).surplus)
 
     def _run(self) -> None:
         while self._news.wait():

@@ -33,13 +33,13 @@ class CameraDescription:
         return self._camera is not None
 
     def for_image(self, height: int, width: int) -> Camera | None:
-        """Return the camera for images of a size in pixels; None without one of them."""
-        if (camera := self._camera) is None:
+        """Return the camera for images of a size in pixels; None if there is none for them."""
+        if (known := self._camera) is None:
             return None
-        if line := misfit(camera, height, width):
-            self._once.warn(f'{self._subscription.topic}: {line}')
-        camera = fitted(camera, height, width)
-        return camera and replace(camera, mount=self._mount.of(self._frame_id))
+        if camera := fitted(known, height, width):
+            return replace(camera, mount=self._mount.of(self._frame_id))
+        self._once.warn(f'{self._subscription.topic}: {misfit(known, height, width)}')
+        return None
 
     def _on_camera_info(self, message: Any) -> None:
         try:
