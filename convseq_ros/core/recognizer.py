@@ -37,6 +37,7 @@ from convseq_ros.core.types import (
     Match,
     PoseEstimate,
     Reason,
+    RECOGNISED,
     Row,
 )
 from convseq_ros.errors import ConfigError
@@ -199,7 +200,7 @@ class PlaceRecognizer:
         return answer
 
     def _measured(self, frame: Frame, answer: Answer) -> Match:
-        """Return an answer as a match, with the shift of its best place; if accepted, its pose."""
+        """Return an answer as a match, with its best place's shift; if recognised, its pose."""
         match = self._as_match(frame, answer)
         features = self._buffer.newest.features
         if features is None or not match.candidates:
@@ -207,13 +208,15 @@ class PlaceRecognizer:
         best, *others = match.candidates
         best = replace(best, shift=self.matcher.shift(features, best.reference_index))
         match = replace(match, candidates=(best, *others))
-        if match.reason is not Reason.ACCEPTED:
+        if match.reason not in RECOGNISED:
             return match
-        pose, places = self._poses.measure(features, frame, best), self.reference_map.places
-        place = places[self.reference_map.links.anchor(best.reference_index)]
+        match = replace(match, relative_pose=self._poses.measure(features, frame, best))
+        if match.accepted is None:
+            return match
+        place = self.reference_map.places[self.reference_map.links.anchor(best.reference_index)]
         anchor = Anchor(self.reference_map.sessions[place.session].id, place.stamp_ns)
         shared = self.matcher.overlap(features, best.reference_index)
-        return replace(match, relative_pose=pose, anchor=anchor, overlap=shared)
+        return replace(match, anchor=anchor, overlap=shared)
 
     def _repeated(self, reason: Reason) -> Answer:
         """Return the last keyframe's answer, not as a match: this frame is not a keyframe."""

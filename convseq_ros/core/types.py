@@ -174,6 +174,10 @@ class Reason(StrEnum):
     MAP_TOO_SHORT = 'map_too_short'
 
 
+# A frame in cool-down shows a place as surely as an accepted one; it is only not published.
+RECOGNISED = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
+
+
 @dataclass(frozen=True, slots=True)
 class Candidate:
     """A place of the map that the newest frame may show."""
@@ -301,7 +305,8 @@ class Match:
     # (REP-103), if the shift and the camera are known. With equal mounts, a positive yaw (left)
     # moves objects to the right in the query: negative columns.
     relative_yaw_rad: float | None = None
-    # Pose of the base relative to the accepted reference's; None if it was not measured.
+    # Pose of the base relative to the best reference's; None if it was not measured. A match in
+    # cool-down has it as well, for the map.
     relative_pose: RelativePose | None = None
     # Of the camera in the map, as if the map's poses were exact (`pose.estimate.with_map_errors`);
     # None if no reference is accepted, or if it has no pose.

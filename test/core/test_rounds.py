@@ -85,6 +85,24 @@ def test_the_second_and_third_round_are_recognised_and_linked(one_round, with_od
     assert len(in_metres) > 0.5 * len(linked) if with_odometry else not in_metres
 
 
+def test_links_in_cool_down_keep_their_transform_which_is_not_published(one_round):
+    seldom = replace(ONLINE, acceptance=replace(ONLINE.acceptance, closure_interval_s=1.0))
+    shots = [
+        (replace(one, pose=replace(one.pose, variances=(0.01, 0.01))), one.pose.position)
+        for one in rounds(one_round, 2)
+    ]
+    always, told = (driven(shots, config)[0] for config in (ONLINE, seldom))
+    assert sum(bool(one.relative) for one in told.links.each()) > 20
+    assert [*map(link_facts, always.links.each())] == [*map(link_facts, told.links.each())]
+    published = [one for one in told.trail.since(0) if one.other]
+    assert 3 < len(published) <= 8
+    assert all(bool(one.relative) == bool(one.other) for one in told.trail.since(0))
+
+
+def link_facts(one):
+    return one.place, one.other, one.relative and one.relative.position_m
+
+
 SIZE = {'width_px': 160, 'height_px': 120}
 
 LOCALISED = LocalizationState.LOCALISED

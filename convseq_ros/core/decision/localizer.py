@@ -7,7 +7,14 @@ from dataclasses import replace
 
 from convseq_ros.core.graph.neighbourhood import Neighbourhood
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import constants, Localization, LocalizationState, Match, Reason
+from convseq_ros.core.types import (
+    constants,
+    Localization,
+    LocalizationState,
+    Match,
+    Reason,
+    RECOGNISED,
+)
 
 # Reasons of frames without information about the place.
 _SILENT = frozenset(
@@ -16,7 +23,6 @@ _SILENT = frozenset(
         Reason.OUT_OF_ORDER,
     }
 )  # fmt: skip
-_ACCEPTED = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
 
 
 @constants
@@ -57,7 +63,7 @@ class Localizer:
 
     def _localize(self, match: Match, usable: int) -> Localization:
         place, quality = self._place(match, usable), match.confidence
-        is_accepted = match.reason in _ACCEPTED
+        is_accepted = match.reason in RECOGNISED
         mass = float(is_accepted) if quality is None else quality
         before = self.localization.reference_index
         if self.localization.state is not LocalizationState.LOCALISED:

@@ -13,14 +13,12 @@ from convseq_ros.core.graph.trail import Keyframe
 from convseq_ros.core.map.pruning import Pruning, STRETCH
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.scenes import Scenes
-from convseq_ros.core.types import Anchor, constants, Descriptor, Frame, Match, Reason
-
-_RECOGNISED = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
+from convseq_ros.core.types import Anchor, constants, Descriptor, Frame, Match, Reason, RECOGNISED
 
 
 def recognised_place(match: Match | None) -> int | None:
     """Return the place that a match recognises; None if it recognises none."""
-    if match is None or match.reason not in _RECOGNISED or match.best is None:
+    if match is None or match.reason not in RECOGNISED or match.best is None:
         return None
     return match.best.reference_index
 
@@ -162,10 +160,10 @@ class OnlineMap(PreloadedMap):
     def _keyframe(self, frame: Frame, match: Match | None) -> Keyframe:
         """Return a frame with odometry, and the closure that is told of it, if any."""
         assert frame.pose
-        sessions, accepted, other = self._map.sessions, match and match.accepted, None
-        if accepted:
+        sessions, other, relative = self._map.sessions, None, None
+        if match and (accepted := match.accepted):
             other = Anchor(sessions[accepted.session].id, accepted.reference_stamp_ns)
-        relative = match.relative_pose if match else None
+            relative = match.relative_pose
         return Keyframe(sessions[-1].id, frame.stamp_ns, frame.pose, other, relative)
 
     def freeze(self) -> None:
