@@ -24,7 +24,7 @@ from convseq_ros.sources.mount import (
     told_mount,
 )
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
-from convseq_ros.sources.pose_track import PoseTrack
+from convseq_ros.sources.pose_track import axes_problem, PoseTrack
 from convseq_ros.sources.recording import (
     read_camera_in,
     read_poses,
@@ -131,7 +131,10 @@ def _poses(
         lambda child: transforms().pose_in(child, tf.base_frame),
         lambda line: tf.tell(f'{path}: {odom}: {line}'),
     )
-    track = PoseTrack(read_poses(path, odom, reading, frame, source.warnings))
+    stamped = read_poses(path, odom, reading, frame, source.warnings)
+    if line := axes_problem(pose for _, pose in stamped):
+        source.warnings.append(f'{odom}: {line}; convert them (docs/FILES.md)')
+    track = PoseTrack(stamped)
     if track.problem:
         source.warnings.append(f'{odom}: {track.problem}')
     return None if track.last_stamp_ns is None else lambda _index, stamp_ns: track.at(stamp_ns)

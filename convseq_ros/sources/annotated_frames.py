@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.sources.camera_info import fitted, misfit
 from convseq_ros.sources.pose_file import PoseAt
-from convseq_ros.sources.pose_track import OwnMotion
 from convseq_ros.sources.source import Source
 
 CameraOf = Callable[[int, int], Camera]  # from an image's height and width in pixels
@@ -33,12 +32,10 @@ class AnnotatedFrames:
 
     def __iter__(self) -> Iterator[Frame]:
         described: Camera | None = None
-        index, with_pose, motion = -1, 0, OwnMotion()
+        index, with_pose = -1, 0
         for index, frame in enumerate(self.source):
             pose = self.pose_at(index, frame.stamp_ns) if self.pose_at else None
-            if pose:
-                with_pose += 1
-                motion.add(pose)
+            with_pose += pose is not None
             camera = None
             if self.camera_of and frame.gray is not None:
                 if described is None:
@@ -52,5 +49,3 @@ class AnnotatedFrames:
                 f'{self.poses_of} has {of_images} {index + 1} images; check that it covers the '
                 'drive, that both clocks agree, and that poses are at most 1.5 s apart'
             )
-        if line := motion.problem:
-            self.warnings.add(f'{self.poses_of}: {line}; convert them (docs/FILES.md)')

@@ -14,7 +14,7 @@ from convseq_ros.core.types import Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.io.files import read_text
 from convseq_ros.sources.folder import natural_key
-from convseq_ros.sources.pose_track import EARTH, is_far, OwnMotion, PoseTrack
+from convseq_ros.sources.pose_track import axes_problem, EARTH, is_far, PoseTrack
 import numpy as np
 import numpy.typing as npt
 
@@ -69,7 +69,7 @@ def read_pose_file(
     if size in _TUM:
         if axes == 'lens':
             stamped = _of_robot(stamped)
-        elif not axes and (line := OwnMotion.of(pose for _, pose in stamped).problem):
+        elif not axes and (line := axes_problem(pose for _, pose in stamped)):
             raise SourceError(f'{path}: {line}; {_CHOICE}')
         track = PoseTrack(sorted(stamped, key=lambda item: item[0]))
         if track.problem and warnings is not None:

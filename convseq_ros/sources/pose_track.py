@@ -121,39 +121,26 @@ def _is_jump(before: tuple[int, Pose], after: tuple[int, Pose]) -> bool:
     return distance_m > ROBOT.fastest_mps * duration_s
 
 
-class OwnMotion:
-    """Sums up along which of its own axes a robot moves, in steps of at least 0.5 m."""
+def axes_problem(poses: Iterable[Pose]) -> str:
+    """
+    Return one line if poses in a row move along their own z, as those of a lens; else nothing.
 
-    def __init__(self) -> None:
-        self._last: Pose | None = None
-        self._moved_m = np.zeros(3)
-
-    @classmethod
-    def of(cls, poses: Iterable[Pose]) -> 'OwnMotion':
-        """Return the motion of poses in a row."""
-        motion = cls()
-        for pose in poses:
-            motion.add(pose)
-        return motion
-
-    def add(self, pose: Pose) -> None:
-        """Take in the next pose."""
-        last = self._last = self._last or pose
+    Motion is summed up along the axes in steps of at least 0.5 m, so shivering is none.
+    """
+    last, moved_m = None, np.zeros(3)
+    for pose in poses:
+        last = last or pose
         step = np.subtract(pose.position, last.position)
         if np.linalg.norm(step) >= _STEP_M:
-            self._moved_m += abs(matrix(last)[:3, :3].T @ step)
-            self._last = pose
-
-    @property
-    def problem(self) -> str:
-        """One line if most motion is along z, as that of a lens; empty if it is not."""
-        x, y, z = self._moved_m.tolist()
-        if z < max(_LEAST_M, x + y):
-            return ''
-        return (
-            f'poses move along their own z ({z:.0f} of {x + y + z:.0f} m), as those of a lens, '
-            'and not along x, as those of a robot'
-        )
+            moved_m += abs(matrix(last)[:3, :3].T @ step)
+            last = pose
+    x, y, z = moved_m.tolist()
+    if z < max(_LEAST_M, x + y):
+        return ''
+    return (
+        f'poses move along their own z ({z:.0f} of {x + y + z:.0f} m), as those of a lens, '
+        'and not along x, as those of a robot'
+    )
 
 
 def is_far(position: Iterable[float]) -> bool:

@@ -13,7 +13,7 @@ from convseq_ros.errors import SourceError
 from convseq_ros.sources import in_order, open_annotated
 from convseq_ros.sources.annotated_frames import AnnotatedFrames
 from convseq_ros.sources.pose_file import read_pose_file
-from convseq_ros.sources.pose_track import pose_from_message, PoseTrack
+from convseq_ros.sources.pose_track import axes_problem, pose_from_message, PoseTrack
 from convseq_ros.sources.source import Lines
 import cv2
 from hypothesis import given, strategies
@@ -390,19 +390,26 @@ def test_a_drive_of_which_most_images_have_no_pose_says_so(known, said):
         ((0, 0, 0.1), (0, 0, 0, 1), False),  # too short
     ],
 )
-def test_a_drive_in_axes_of_a_lens_says_so(way, turn, is_said):
-    source = Shown(8)
-    poses = [Pose(tuple(at * part for part in way), turn) for at in range(8)]
-    assert len([*AnnotatedFrames(source, lambda at, _: poses[at], None, 'poses.txt')]) == 8
-    assert len(source.warnings) == is_said
-    assert all(line.startswith('poses.txt: poses move along') for line in source.warnings)
+def test_poses_in_axes_of_a_lens_are_told(way, turn, is_said):
+    line = axes_problem(Pose(tuple(at * part for part in way), turn) for at in range(8))
+    assert line.startswith('poses move along') if is_said else not line
 
 
 def test_shivering_is_no_motion_along_an_axis():
-    source = Shown(99)
-    poses = [Pose((at * 0.1, 0.0, at % 2 * 0.4), (0, 0, 0, 1)) for at in range(99)]
-    assert len([*AnnotatedFrames(source, lambda at, _: poses[at], None, '/odom')]) == 99
-    assert not source.warnings
+    assert not axes_problem(Pose((at * 0.1, 0.0, at % 2 * 0.4), (0, 0, 0, 1)) for at in range(99))
+
+
+def test_a_topic_in_axes_of_a_lens_is_taken_and_told(tmp_path):
+    times_ns = [recordings.START_NS + recordings.STEP_NS * at for at in range(8)]
+    rows = [*recordings.drive([np.zeros((24, 32), np.uint8)] * 8)]
+    for at, stamp_ns in enumerate(times_ns):
+        message = recordings.odometry(0.0, stamp_ns)
+        message.pose.pose.position.z = float(at)
+        rows.append(('/odom', stamp_ns, message))
+    source = open_annotated(recordings.write_recording(tmp_path, 'mcap file', rows), odom='/odom')
+    assert [frame.pose.position[2] for frame in source] == [*range(8)]
+    (line,) = source.warnings
+    assert line.startswith('/odom: poses move along their own z (7 of 7 m)')
 
 
 def test_poses_of_a_lens_are_converted_if_somebody_says_so(file):
