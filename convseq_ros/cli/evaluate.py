@@ -34,7 +34,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
         'than once (default closed); a set without reference is always matched against its own '
         'past')
     parser.add_argument('--criterion', choices=CRITERIA, default='score',
-        help='what curves are drawn over (score)')
+        help='what curves are drawn over (score); accepted: the score of what a method accepts')
     parser.add_argument('--keep', type=float, metavar='SHARE', help='for the open protocol, keep '
         'this first part of the map, such as 0.7, instead of the first, the last and the middle '
         'half in turn')

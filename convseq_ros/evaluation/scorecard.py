@@ -15,7 +15,7 @@ from convseq_ros.evaluation.protocols import Outcome
 import numpy as np
 import numpy.typing as npt
 
-CRITERIA = ('score', 'margin', 'confidence')
+CRITERIA = ('score', 'margin', 'confidence', 'accepted')
 RECALL_COUNTS = (1, 5, 10, 20)
 Summary = dict[str, Any]
 
@@ -30,7 +30,8 @@ class Verdicts:
     slip: metrics.Flags  # the best reference is just outside the tolerance
     accepted: metrics.Flags  # the method accepted it
     lengths: npt.NDArray[np.int64]  # k; 0 where no length could be chosen
-    # Score, margin or confidence, by criterion; NaN where the method has none.
+    # By criterion: score, margin, confidence, or the score of what was accepted; NaN where the
+    # method has none.
     values: Mapping[str, metrics.Values]
 
     def curve(self, criterion: str, positives: int | None = None) -> metrics.Curve:
@@ -72,19 +73,21 @@ def judge(outcome: Outcome) -> Verdicts:
     best = np.array([match.best.reference_index if match.best else -1 for match in matches])
     matched = best >= 0
     index = np.arange(len(matches))
-    scores = [match.best.score if match.best else np.nan for match in matches]
+    scores = np.array([match.best.score if match.best else np.nan for match in matches])
+    accepted = np.array([match.accepted is not None for match in matches], np.bool_)
     sure = [np.nan if match.confidence is None else match.confidence for match in matches]
     return Verdicts(
         matched=matched,
         known=np.asarray(outcome.right.any(axis=1)),
         correct=matched & outcome.right[index, best],
         slip=matched & outcome.slip[index, best] & ~outcome.right[index, best],
-        accepted=np.array([match.accepted is not None for match in matches], np.bool_),
+        accepted=accepted,
         lengths=np.array([match.sequence_length for match in matches], np.int64),
         values={
-            'score': np.array(scores),
+            'score': scores,
             'margin': np.array([margin(match) for match in matches]),
             'confidence': np.array(sure),
+            'accepted': np.where(accepted, scores, np.nan),
         },
     )
 

@@ -17,6 +17,7 @@ from convseq_ros.evaluation.metrics import (
 )
 from convseq_ros.evaluation.protocols import Outcome
 from convseq_ros.evaluation.scorecard import (
+    CRITERIA,
     curve_figures,
     decisions,
     difference,
@@ -140,6 +141,7 @@ def verdicts(**changes):
             'score': np.array([np.nan, 0.9, 0.6, 0.8, 0.7]),
             'margin': np.array([np.nan, 0.3, 0.2, np.nan, 0.1]),
             'confidence': np.full(5, np.nan),
+            'accepted': np.array([np.nan, 0.9, np.nan, 0.8, 0.7]),
         },
     }
     return Verdicts(**(usual | changes))
@@ -260,6 +262,20 @@ def test_figures_are_zero_where_no_answer_is_right_though_one_exists():
     assert found['precision_at_100_recall'] is None
 
 
+def test_a_threshold_over_what_is_accepted_leaves_out_what_is_refused():
+    reasons = Reason.ACCEPTED, Reason.WEAK, Reason.ACCEPTED, Reason.ACCEPTED
+    matches = [
+        Match(at, 0, reason, (Candidate(at % 2, 0, score),))
+        for at, (reason, score) in enumerate(zip(reasons, (0.5, 0.9, 0.4, 0.3), strict=True))
+    ]
+    truth = np.tile(np.array([1, 0, 0], bool), (4, 1))
+    found = judge(outcome(matches, np.zeros((4, 3)), truth))
+    # The refused one is wrong, and has the highest score; the worst accepted one is wrong, too.
+    figures_of = threshold_figures(found, [''] * 4)
+    assert figures_of['own_threshold_by'] == 'accepted' and figures_of['own_threshold'] == 0.3
+    assert figures_of['own_threshold_recall'] == 0.5
+
+
 def test_the_threshold_accepts_the_answers_that_beat_all_wrong_ones():
     # By margin both right answers beat the wrong one, by score only one does.
     found = threshold_figures(verdicts(), [''] * 5)
@@ -270,7 +286,7 @@ def test_the_threshold_accepts_the_answers_that_beat_all_wrong_ones():
         'own_threshold_first': {'': 1},
     }
     values = {'score': np.array([np.nan, 0.9, 0.6, 0.5, 0.85])}
-    unknown = dict.fromkeys(('margin', 'confidence'), np.full(5, np.nan))
+    unknown = dict.fromkeys(('margin', 'confidence', 'accepted'), np.full(5, np.nan))
     found = threshold_figures(verdicts(values=values | unknown), [''] * 5)
     assert found['own_threshold'] == 0.85 and found['own_threshold_by'] == 'score'
 
@@ -278,7 +294,7 @@ def test_the_threshold_accepts_the_answers_that_beat_all_wrong_ones():
 @pytest.mark.parametrize(
     ('changes', 'recall'),
     [
-        ({'values': dict.fromkeys(('score', 'margin', 'confidence'), np.full(5, np.nan))}, None),
+        ({'values': dict.fromkeys(CRITERIA, np.full(5, np.nan))}, None),
         ({'correct': np.array([0, 1, 1, 1, 1], bool)}, 1),  # every answer is accepted
     ],
 )
