@@ -22,13 +22,15 @@ _PAUSE_S = 10**8
 _MOST_SOLUTIONS = 10  # of a drive: each may break odometry elsewhere
 
 
-def graph_of(stored: ReferenceMap, config: PoseGraphConfig) -> PoseGraph:
+def graph_of(
+    stored: ReferenceMap, config: PoseGraphConfig, with_all_links: bool = False
+) -> PoseGraph:
     """
     Return the graph of a map, solved; its newest drive is the running one, and may go on.
 
-    Its closures are those that were told while it was driven, and links that were measured later;
-    none of a place that a person unlinked. A drive with poses but no odometry is in no graph: its
-    poses count as they are. ConvseqError if GTSAM is not installed.
+    Its closures are those that were told while it was driven, and links that were measured later,
+    or all that were measured; none of a place that a person unlinked. A drive with poses but no
+    odometry is in no graph: its poses count as they are. ConvseqError if GTSAM is not installed.
     """
     keyframes = stored.trail.since(0)
     driven = {keyframe.session_id for keyframe in keyframes}
@@ -40,7 +42,7 @@ def graph_of(stored: ReferenceMap, config: PoseGraphConfig) -> PoseGraph:
         ends = list[tuple[Keyframe, Anchor, RelativePose | None]]()
         for keyframe in drive:
             graph.add_odometry(keyframe.stamp_ns, matrix(keyframe.pose), keyframe.pose.variances)
-            ends += ((keyframe, *end) for end in _ends(keyframe, stored, places))
+            ends += ((keyframe, *end) for end in _ends(keyframe, stored, places, with_all_links))
         graph.name_session(session)
         for keyframe, other, relative in ends:
             pose, covariance = told(relative)
@@ -96,7 +98,7 @@ def solved(stored: ReferenceMap) -> SolvedMap:
         # Some have no real times: a second from place to place, and a long pause between drives.
         times = {at: (at + (1 + stored.places.session(at)) * _PAUSE_S) * 10**9 for at in posed}
         stored, config = _by_places(stored, session, times), PoseGraphConfig(graph_spacing_m=0.01)
-    graph = graph_of(stored, config)
+    graph = graph_of(stored, config, with_all_links=True)
     places, linked = dict[int, Matrix](), set[int]()
     for drive in graph.linked:
         linked.update(drive.nodes)
@@ -143,13 +145,13 @@ def _anchors(stored: ReferenceMap) -> Iterator[Anchor]:
 
 
 def _ends(
-    keyframe: Keyframe, stored: ReferenceMap, places: dict[Anchor, int]
+    keyframe: Keyframe, stored: ReferenceMap, places: dict[Anchor, int], with_all_links: bool
 ) -> Iterator[tuple[Anchor, RelativePose | None]]:
     """Yield the places that a keyframe closes loops with, and its poses there."""
     at = places.get(Anchor(keyframe.session_id, keyframe.stamp_ns), -1)
     if keyframe.other and not stored.links.is_unlinked(at):
         yield keyframe.other, keyframe.relative
     link = stored.links.details(at)
-    if link and link.relative:
+    if link and link.relative and (with_all_links or not keyframe.is_held_back):
         other = stored.places[link.other]
         yield Anchor(stored.sessions[other.session].id, other.stamp_ns), link.relative

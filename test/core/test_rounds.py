@@ -85,7 +85,7 @@ def test_the_second_and_third_round_are_recognised_and_linked(one_round, with_od
     assert len(in_metres) > 0.5 * len(linked) if with_odometry else not in_metres
 
 
-def test_links_in_cool_down_keep_their_transform_which_is_not_published(one_round):
+def test_links_in_cool_down_keep_their_transform_and_are_held_back(one_round):
     seldom = replace(ONLINE, acceptance=replace(ONLINE.acceptance, closure_interval_s=1.0))
     shots = [
         (replace(one, pose=replace(one.pose, variances=(0.01, 0.01))), one.pose.position)
@@ -94,9 +94,13 @@ def test_links_in_cool_down_keep_their_transform_which_is_not_published(one_roun
     always, told = (driven(shots, config)[0] for config in (ONLINE, seldom))
     assert sum(bool(one.relative) for one in told.links.each()) > 20
     assert [*map(link_facts, always.links.each())] == [*map(link_facts, told.links.each())]
-    published = [one for one in told.trail.since(0) if one.other]
-    assert 3 < len(published) <= 8
-    assert all(bool(one.relative) == bool(one.other) for one in told.trail.since(0))
+    trail = told.trail.since(0)
+    assert 3 < sum(bool(one.other) for one in trail) <= 8
+    held_back = {one.stamp_ns for one in trail if one.is_held_back}
+    assert held_back == {
+        told.places[one.place].stamp_ns for one in told.links.each() if one.relative
+    } - {one.stamp_ns for one in trail if one.other}
+    assert not any(one.is_held_back for one in always.trail.since(0))
 
 
 def link_facts(one):

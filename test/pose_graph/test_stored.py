@@ -169,6 +169,17 @@ def test_a_link_that_a_person_took_out_is_no_closure_and_one_that_was_found_late
     assert graph.counts['kept'] == 1 and first == 0
 
 
+def test_a_link_that_was_held_back_is_a_closure_of_map_link_and_not_of_the_node():
+    made, moved = ReferenceMap(), inverse(TRUE[11]) @ TRUE[LAP + 11]
+    made.begin_session(0)
+    first, other = (place(made, stamp(at)) for at in (11, LAP + 11))
+    made.links.add(other, first, relative=relative(moved))
+    made.sessions.clear()
+    add_drive(made, DRIFTED, [(LAP + 11, None, moved)])
+    assert not graph_of(made, CONFIG).known
+    assert sum(edge.is_link for edge in solved(made).edges) == 1
+
+
 def test_a_drive_with_poses_of_a_file_is_where_they_are():
     made, there = ReferenceMap(), pose(200.0, -50.0, 2.0)
     made.begin_session(0)

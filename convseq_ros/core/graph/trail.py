@@ -16,7 +16,14 @@ class Keyframe:
     stamp_ns: int
     pose: Pose  # by odometry, with variances
     other: Anchor | None = None  # the place of its closure; None without one
-    relative: RelativePose | None = None  # of the robot's base, against that place, if measured
+    # Of the robot's base, against that place, if measured; without a place, it is that of a link
+    # that was not published (`closure_interval_s`).
+    relative: RelativePose | None = None
+
+    @property
+    def is_held_back(self) -> bool:
+        """Whether it recognised a place, and nobody was told."""
+        return self.relative is not None and self.other is None
 
 
 class Trail:

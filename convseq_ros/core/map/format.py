@@ -47,7 +47,8 @@ TABLES = {
     'links': '(place INTEGER PRIMARY KEY, other INTEGER, anchor INTEGER, confidence REAL, '
     'inliers INTEGER, relative BLOB, crc32 INTEGER NOT NULL)',
     # Of drives with odometry, whether they became places or not: variances NULL if they are not
-    # finite; the other place of a closure by session and stamp, or NULL; relative as in `links`.
+    # finite; the other place of a closure by session and stamp, or NULL if none was published;
+    # relative as in `links`.
     'keyframes': '(number INTEGER PRIMARY KEY, session TEXT NOT NULL, stamp_ns INTEGER NOT NULL, '
     'x REAL NOT NULL, y REAL NOT NULL, z REAL NOT NULL, qx REAL NOT NULL, qy REAL NOT NULL, '
     'qz REAL NOT NULL, qw REAL NOT NULL, metres2 REAL, radians2 REAL, other_session TEXT, '

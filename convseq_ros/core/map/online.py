@@ -160,10 +160,10 @@ class OnlineMap(PreloadedMap):
     def _keyframe(self, frame: Frame, match: Match | None) -> Keyframe:
         """Return a frame with odometry, and the closure that is told of it, if any."""
         assert frame.pose
-        sessions, other, relative = self._map.sessions, None, None
-        if match and (accepted := match.accepted):
+        sessions, accepted, other = self._map.sessions, match and match.accepted, None
+        if accepted:
             other = Anchor(sessions[accepted.session].id, accepted.reference_stamp_ns)
-            relative = match.relative_pose
+        relative = match.relative_pose if match else None
         return Keyframe(sessions[-1].id, frame.stamp_ns, frame.pose, other, relative)
 
     def freeze(self) -> None:
