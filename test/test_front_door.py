@@ -11,6 +11,7 @@ from convseq_ros import errors
 from convseq_ros.config import core_parameters
 from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.config.parameter import parameters
+from convseq_ros.core.decision import likelihood
 from convseq_ros.core.types import Reason
 from convseq_ros.errors import ConfigError
 from programs import run
@@ -44,6 +45,14 @@ def test_the_readme_and_the_results_page_have_the_same_recall():
         rounded = [f'{float(cell.split()[0]):.0f}' if cell else '' for cell in shares]
         expected = [rule, ' '.join([f'{float(share):.0f}', *false]), *rounded]
         assert [*cells.values()] == expected, place
+
+
+def test_the_equation_of_the_likelihood_is_the_same_on_its_page_and_in_its_code():
+    page = (REPOSITORY / 'docs' / 'MATCHING.md').read_text(encoding='utf-8')
+    of_page, of_code = (
+        re.findall(r'^    [RCK] = .*$', text, re.MULTILINE) for text in (page, likelihood.__doc__)
+    )
+    assert of_page == of_code and len(of_page) == 3
 
 
 def pages():

@@ -30,8 +30,8 @@ class BELIEF:
 
     # Shares of mass, per keyframe.
     entering: float = 0.004  # of elsewhere: enters the map, evenly; of copies: they end
-    # Of what is lost, at a start or where a session ends: enters earlier drives, but at most
-    # `COPIES.cells` at a place, so that cells decide in no single frame.
+    # Of what is lost, at a start or where a session ends: enters the map, but at most
+    # `COPIES.cells` for each place of earlier drives, so that cells decide in no single frame.
     lost: float = 0.5
     told: float = 0.5  # of all: is at the places where others say that the robot is
     # Of each place: leaves the map; of all: enters, as a robot may be moved, or odometry fail.

@@ -21,11 +21,9 @@ class BUDGET:
     peaks: int = 6  # best by pair score, apart from each other: they are verified. As many places,
     # the likeliest by the predicted belief, are always scored ...
     checked: int = 2  # ... and this many of them are always verified
-    asked: int = (
-        3  # places, apart from each other, whose keypoints are compared; the likeliest, too
-    )
-    # None is, if cells agree with the belief, and its doubt is at most this share of what a match
-    # may leave.
+    asked: int = 3  # places, apart from each other, whose keypoints are compared; the likeliest,
+    # too. None is, if cells agree with the belief, and its doubt is at most this share of what a
+    # match may leave.
     doubt: float = 0.1
     seen: int = 60  # images of a session, evenly spread, whose brightness is read
     least: float = 1e-9  # mass below which a place is dropped

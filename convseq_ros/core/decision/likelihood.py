@@ -3,9 +3,27 @@
 """
 The likelihood ratio of a frame: how many times likelier it is at a place than elsewhere.
 
-Two witnesses speak: cells (pair score and verification) and keypoints. What counts is a place's
-*lead* over its strongest rival, a place that shows another scene. `Likelihood.log_ratios` is the
-equation.
+Two witnesses, cells and keypoints, tell by the *lead* of a place over its strongest rival, a place
+that shows another scene. The ratio of a place is
+
+    R = C K
+    C = r e^c / q + 1 - r,                    divided by  1 + a max C,  down to 1
+    K = sum of P(u) L(u, x),                  divided by  1 - b + b K
+    c = k + p (x1 + x2)
+    q = min(1, f o / (o + (1 - o) min(1, K)) + h / N)
+
+- c is the log density ratio of the cells (`Leads.cells`), of x1, the lead in twice the root of the
+  verification score, over its scale, and x2, that in pair score, over its scale: of rivals, what
+  is left without their share of the scene (`Likelihood.leads`). k and p are `CELLS.constant` and
+  `per_scale`.
+- r is the probability that cells show a true place, `CELLS.works`.
+- q is the chance that the strongest place lies where it lies, if the drive is elsewhere
+  (`gain_of`); for places that are not at it, q is 1. f is what the belief expected there, o
+  `COPIES.along`, h `COPIES.by_chance`, N how many places may be matched; K is not divided there.
+- P(u) is the probability of the place's state, its expected lead u or *a copy*, and L the ratio of
+  the densities of the keypoints' lead x (`expected_lead.ratios_of`).
+- a and b are the shares of frames elsewhere that look the same, `COPIES.cells`, so that cells
+  decide in no single frame, and `COPIES.scenes`, so that keypoints decide in one or two.
 """
 
 from collections.abc import Callable
@@ -83,10 +101,7 @@ def gain_of(follows: float, chance: float, affirmed: float = 1.0) -> float:
     """
     Return the gain of the strongest place for being the strongest: -log q.
 
-    With the belief f that expects it there (`follows`), the chance h / N, the share s of drives
-    elsewhere along which the strongest place moves as well, and the ratio K of its keypoints,
-
-        q = min(1, f s / (s + (1 - s) min(1, K)) + h / N)
+    `follows` is f of the equation, `chance` h / N, and `affirmed` the sum K of its keypoints.
     """
     along = COPIES.along / (COPIES.along + (1 - COPIES.along) * min(1.0, affirmed))
     return -math.log(min(1.0, follows * along + chance))
@@ -131,22 +146,7 @@ class Likelihood:
 
     def log_ratios(self, evidence: Evidence) -> Doubles:
         """
-        Return the logarithms (n,) of the likelihood ratios of verified places.
-
-        The ratio of place i is that of its cells times that of its keypoints:
-
-            C = r e^c / q + 1 - r,  divided by  1 + a max C,  down to 1
-            K = sum of P(u) L(u, x),             divided by  1 - b + b K
-
-        c is the log density ratio of the cells' leads (`Leads.cells`), and r the probability that
-        cells show a true place. q is the chance that the strongest place of the map lies where it
-        lies, if the drive is elsewhere (`gain_of`); for all other places q is 1. The sum is over
-        the states of a place, its expected leads u; L is the ratio of the keypoints' lead x at a
-        place of that state to that elsewhere (`ratios_of`).
-
-        a and b say how often another place looks the same: a is the share of frames elsewhere
-        whose cells look like a place in every respect, so cells decide in no single frame; b is
-        that of those whose keypoints agree as a scene, so keypoints decide in one or two.
+        Return the logarithms (n,) of the likelihood ratios R of verified places.
 
         A frame hardly tells a place from its neighbours, so a place has at least the logarithm of
         one beside it, less a loss per place. A positive logarithm is multiplied by the weight.
