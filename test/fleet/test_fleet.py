@@ -36,7 +36,9 @@ def test_a_fleet_answers_every_frame_as_one_map(drives, client, answers_of, aske
     assert any(reason == 'accepted' for _, reason, *_ in found)
 
 
-def test_a_fleet_keeps_links_and_kept_images_of_its_maps(drives, client, tmp_path, answers_of):
+def test_a_fleet_keeps_links_keypoints_and_kept_images_of_its_maps(
+    drives, client, tmp_path, answers_of
+):
     maps, _, again = drives
     paths = [shutil.copy(path, tmp_path) for path in sorted(maps.glob('*.db'))]
     assert main(['build-map', str(again), str(paths[1]), *SETTINGS, '--append']) == 0
@@ -50,10 +52,13 @@ def test_a_fleet_keeps_links_and_kept_images_of_its_maps(drives, client, tmp_pat
     asked = [0, FRAMES, len(merged) - 1, 2 * FRAMES]
     for with_images in (False, True):
         ours, theirs = (
-            [(each.packed.tobytes(), each.image) for each in one.pictures(asked, with_images)]
+            [
+                (each.packed.tobytes(), each.keypoints, each.image)
+                for each in one.pictures(asked, with_images)
+            ]
             for one in (fleet.reference_map, merged)
         )
-        assert ours == theirs and (ours[0][1] is not None) == with_images
+        assert ours == theirs and (ours[0][2] is not None) == with_images and ours[0][1]
     expected = answers_of(PlaceRecognizer(merged, Config()), again)
     assert answers_of(fleet.cameras.first, again) == expected
 

@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which share of a place's scene other places show, and what has been in view ever since."""
 
+from dataclasses import replace
+
+from convseq_ros.app.cameras import Cameras
 from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import make_config, with_values
 from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.covisibility import Covisibility
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame, Reason
+from convseq_ros.core.types import Camera, Frame, Reason
 import cv2
 import numpy as np
 import pytest
@@ -20,6 +23,8 @@ CONFIG = with_values(
 )
 ONLINE = with_values(CONFIG, {'mode': 'online'})
 WIDE, HIGH = 320, 240
+FISHEYE = Camera(WIDE, HIGH, 160.0, 160.0, 159.5, 119.5, 'equidistant', (0.01, 0.0, 0.0, 0.0))
+LEFT_HALF = '#' + 'ff00' * 16  # of 16 x 16 cells
 
 
 def panorama(number, width=2000):
@@ -34,8 +39,15 @@ def panned(number, start, step, count):
     return [whole[:, start + step * at :][:, :WIDE] for at in range(count)]
 
 
-def shown(images):
-    return [Frame(at * 10**8, one) for at, one in enumerate(images)]
+def shown(images, camera=None):
+    return [Frame(at * 10**8, one, camera=camera) for at, one in enumerate(images)]
+
+
+def noisy(images, camera=None):
+    """Return frames of images that were taken again, later."""
+    rng = np.random.default_rng(0)
+    again = [(one + rng.normal(0, 6, one.shape)).clip(0, 255).astype(np.uint8) for one in images]
+    return shown(again, camera)
 
 
 def covisibility_of(images, config=CONFIG):
@@ -70,9 +82,45 @@ def test_without_keypoints_no_place_shows_another(pans):
 
 
 @pytest.mark.parametrize('count', [1, 2, 3])
-def test_a_map_of_few_places_has_shares(count):
-    few = covisibility_of(panned(1, 0, 20, count))
-    assert few.shares(0, np.arange(count)).min() > 0.8
+def test_a_map_of_few_places_has_shares_and_no_match(count):
+    views = panned(1, 0, 20, count)
+    recognizer = PlaceRecognizer(build_map(shown(views), None, CONFIG), CONFIG)
+    assert recognizer.decider._covisibility.shares(0, np.arange(count)).min() > 0.8
+    matches = [recognizer.process(frame) for frame in noisy(views * 4)]
+    assert {match.reason for match in matches} <= {Reason.TOO_FEW_RIVALS, Reason.WEAK}
+
+
+@pytest.mark.parametrize(
+    ('values', 'camera'),
+    [
+        ({'both_directions': True}, None),
+        ({'image_rotation_deg': 90}, None),
+        ({'image_mask': LEFT_HALF}, None),
+        ({}, FISHEYE),
+    ],
+    ids=['both directions', 'rotated', 'masked', 'fisheye'],
+)
+def test_whatever_the_camera_a_map_has_shares_and_answers_as_without_them(values, camera):
+    config, views = with_values(CONFIG, values), panned(1, 0, 40, 30)
+    known = build_map(shown(views, camera), None, config)
+    back = [*range(9, 4, -1)] if values.get('both_directions') else [*range(5, 10)]
+    frames = noisy([views[at] for at in back], camera)
+    for has_shares in (True, False):
+        recognizer = PlaceRecognizer(known, config)
+        covisibility = recognizer.decider._covisibility
+        if not has_shares:
+            covisibility._blocks = lambda *_: 0.0
+        assert (covisibility.share(8, 10) > 0.2) is has_shares
+        found = [recognizer.process(frame).accepted for frame in frames]
+        assert [one and one.reference_index for one in found] == back
+
+
+@pytest.mark.parametrize('levels', [1, 4], ids=['black', 'noise'])
+def test_a_drive_in_the_dark_matches_nothing(levels):
+    known, rng = build_map(shown(panned(1, 0, 40, 30)), None, CONFIG), np.random.default_rng(0)
+    recognizer = PlaceRecognizer(known, CONFIG)
+    dark = [rng.integers(0, levels, (HIGH, WIDE), np.uint8) for _ in range(8)]
+    assert not any(recognizer.process(frame).accepted for frame in shown(dark))
 
 
 def test_a_view_that_pans_slowly_is_in_view_all_along(pans):
@@ -89,7 +137,8 @@ def test_a_scene_that_returns_after_others_was_not_in_view():
     assert short.is_in_view(2)  # something passes before the camera
 
 
-def test_a_robot_that_stands_before_one_view_recognises_none_of_its_own_past():
+@pytest.mark.parametrize('sources', [('',), ('/front', '/rear')], ids=['one camera', 'two'])
+def test_a_robot_that_stands_before_one_view_recognises_none_of_its_own_past(sources):
     """People pass, and lights flicker: the keyframes differ, and the scene behind stays."""
     rng, (view,) = np.random.default_rng(0), panned(3, 0, 0, 1)
     images = panned(4, 0, 40, 30)
@@ -100,8 +149,12 @@ def test_a_robot_that_stands_before_one_view_recognises_none_of_its_own_past():
             x = (at * 37 + person * 131) % 420 - 50
             cv2.rectangle(image, (x, 90), (x + 45, HIGH), 60 + 60 * person, -1)
         images.append(image)
-    recognizer = PlaceRecognizer(build_map([], None, ONLINE), ONLINE)
-    matches = [recognizer.process(frame) for frame in shown(images)]
-    assert len(recognizer.reference_map) > 60
-    assert Reason.RECENT in {match.reason for match in matches[60:]}
-    assert not any(match.accepted for match in matches)
+    grown = build_map([], None, ONLINE)
+    cameras = Cameras(grown, ONLINE, sources)
+    matches = [
+        [cameras.process(replace(frame, source=one)) for one in sources] for frame in shown(images)
+    ]
+    assert len(grown) > 60
+    for each in zip(*matches, strict=True):  # of a camera; all of them see the same
+        assert Reason.RECENT in {match.reason for match in each[60:]}
+        assert not any(match.accepted for match in each)
