@@ -17,7 +17,7 @@ pytest.importorskip('mcap')
 from convseq_ros.app.cameras import Cameras
 from convseq_ros.app.map_builder import build_map
 from convseq_ros.app.result_row import COLUMNS, row
-from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
+from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, with_values
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.encoding.mask import masked
@@ -32,6 +32,7 @@ from convseq_ros.sources import open_source
 import cv2
 from descriptor_models import made
 import numpy as np
+from pictures import scene
 from programs import run, wait_for
 import recordings
 from world import map_of
@@ -40,6 +41,7 @@ START_NS, STEP_NS = recordings.START_NS, recordings.STEP_NS
 NUM_FRAMES = 36
 STEPS_PX = [2] * 8 + [60] * 8 + [20] * 8 + [1] * 12
 BLACK, UNREADABLE, LATE, JUMP = 5, 13, 21, 28
+ONLINE = {'mode': 'online', 'keyframe_overlap': 1.0}
 
 
 @pytest.fixture(scope='module')
@@ -100,7 +102,11 @@ def answers_of_the_core(recording, map_path, encoding, path, topics):
     model = open_model(config)
     config = with_first_stage(config, model)
     source = open_source(recording, reading=config.reading)
-    given = open_map(map_path, config.encoding), config
+    if map_path.is_file():
+        given = open_map(map_path, config.encoding), config
+    else:
+        config = with_values(config, ONLINE)
+        given = build_map([], None, config), config
     recognizer = PlaceRecognizer(*given, describe=model)
     if topics:
         recognizer = Cameras(*given, topics)
@@ -111,11 +117,12 @@ def answers_of_the_core(recording, map_path, encoding, path, topics):
     return read_results(path)
 
 
-def answers_of_the_node(recording, map_path, encoding, path, topics):
+def answers_of_the_node(recording, map_path, encoding, path, topics, expected):
     parameters = {
         'map_path': map_path, 'result_file': path, 'queue_size': 1000, 'max_wait_s': 0.0,
         'image_mask': encoding.image_mask, 'image_rotation_deg': encoding.image_rotation_deg,
         'descriptor_model': encoding.descriptor_model, 'image_topics': ' '.join(topics),
+        **({} if map_path.is_file() else ONLINE),
     }  # fmt: skip
     given = [f'{name}:={value}' for name, value in parameters.items() if value != '']
     words = ['--ros-args', *(word for one in given for word in ('-p', one))]
@@ -127,7 +134,6 @@ def answers_of_the_node(recording, map_path, encoding, path, topics):
                 sender = 'convseq_ros.node.outputs.drive_sender', recording, '6'
                 done = run(*python, *sender, f'/camera:={topic}', **ours, timeout=180)
                 assert done.returncode == 0, done.stderr
-            expected = NUM_FRAMES * max(1, len(topics))
             wait_for(lambda: len(path.read_text().splitlines()) > expected, 60)
             node.send_signal(signal.SIGINT)
             assert node.wait(60) == 0
@@ -138,14 +144,16 @@ def answers_of_the_node(recording, map_path, encoding, path, topics):
 
 def same_answers(folder, recording, map_path, encoding, topics=()):
     """Return what the core says, once the node has said the same."""
-    found = []
-    for answers in (answers_of_the_core, answers_of_the_node):
-        path = folder / f'{answers.__name__}.csv'
-        found.append(answers(recording, map_path, encoding, path, topics))
-        for line in found[-1]:
-            del line['duration_ms']
-    assert found[1] == found[0]
-    return found[0]
+    given = recording, map_path, encoding
+    # A map that grows has a session of a new id.
+    passing = {'duration_ms'} if map_path.is_file() else {'duration_ms', 'anchor_session'}
+    offline = answers_of_the_core(*given, folder / 'core.csv', topics)
+    live = answers_of_the_node(*given, folder / 'node.csv', topics, len(offline))
+    for line in (*offline, *live):
+        for name in passing:
+            del line[name]
+    assert live == offline
+    return offline
 
 
 def test_the_live_node_answers_as_the_core(recording, map_path, encoding, tmp_path):
@@ -180,3 +188,22 @@ def test_a_live_node_with_two_cameras_answers_as_the_core(recording, map_path, e
     offline = same_answers(tmp_path, recording, map_path, encoding, topics)
     shown = [topic for topic in topics for _ in range(NUM_FRAMES)]
     assert [row['camera'] for row in offline] == shown
+
+
+@pytest.mark.once
+def test_a_live_node_whose_map_grows_answers_as_the_core(tmp_path):
+    """It passes other places, stands before a view that people pass, and sees the first again."""
+    places, (view,) = ([scene(one, 0, (320, 240)) for one in some] for some in (range(30), [99]))
+    crowd = []
+    for at in range(50):
+        crowd.append(view.copy())
+        cv2.rectangle(crowd[-1], (at * 37 % 320, 60), (at * 37 % 320 + 60, 240), at * 5, -1)
+    rows = [
+        ('/camera', START_NS + at * STEP_NS, recordings.image(one, START_NS + at * STEP_NS))
+        for at, one in enumerate([*places, *crowd, *places[3:9]])
+    ]
+    recording = recordings.write_recording(tmp_path, 'mcap folder', rows)
+    offline = same_answers(tmp_path, recording, tmp_path / 'map.db', EncodingConfig())
+    reasons = [row['reason'] for row in offline]
+    assert 'recent' in reasons[60:80] and 'accepted' not in reasons[:80]
+    assert {*reasons[80:]} == {'accepted'}
