@@ -55,6 +55,13 @@ def test_the_equation_of_the_likelihood_is_the_same_on_its_page_and_in_its_code(
     assert of_page == of_code and len(of_page) == 3
 
 
+def test_an_idea_that_did_not_pay_has_at_most_25_words():
+    notes = (REPOSITORY / 'docs' / 'NOTES.md').read_text(encoding='utf-8')
+    ideas = re.findall(r'^- (.*(?:\n  .*)*)', notes, re.MULTILINE)
+    assert len(ideas) > 70
+    assert [idea for idea in ideas if len(idea.split()) > 25] == []
+
+
 def pages():
     found = run(
         'git', 'ls-files', '--cached', '--others', '--exclude-standard', '*.md', cwd=REPOSITORY
