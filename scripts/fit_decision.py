@@ -8,7 +8,8 @@ Usage: python scripts/fit_decision.py [--data FOLDER] [--real FOLDER] [--drawn]
 benchmark, --real those of real_drives.py. On two cores it takes a quarter of an hour to encode the
 drives, and a minute for each change. A name is RECORD.name, such as BELIEF.entering. Each change
 is tried by itself. A curve tries a constant at 0.5, 0.7, 0.85, 1.2, 1.4 and 2 times its value, and
-prints which value is chosen with each place left out in turn.
+prints which value is chosen with each place left out in turn; `--curve all` those of all constants
+that decide, in a night.
 
 A match is right within the right distance, and false beyond the wrong one; between them it counts
 as neither. A drive scores (right - 10 false) / keyframes whose place is in the map, or of all
@@ -33,7 +34,6 @@ from convseq_ros.core.decision import (
     light,
     likelihood,
     motion,
-    observation,
 )
 from convseq_ros.core.gate.gate import Verdict
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -45,7 +45,7 @@ from known_drives import drawn_ones, Drive, Make, real
 import numpy as np
 from real_drives import in_other_light
 
-RECORDS = {
+RECORDS: dict[str, Any] = {
     'CELLS': likelihood.CELLS, 'COPIES': likelihood.COPIES, 'KEYPOINTS': expected_lead.KEYPOINTS,
     'COMPARED': comparison.COMPARED, 'COVISIBLE': covisibility.COVISIBLE,
     'BELIEF': belief.BELIEF,
@@ -258,8 +258,6 @@ def set_to(name: str, value: Any) -> None:
     """Change a constant of this process."""
     record, _, field = name.partition('.')
     object.__setattr__(RECORDS[record], field, value)
-    # What modules compute from constants when they are imported.
-    likelihood.UNVERIFIED = observation.UNVERIFIED = math.log(1 - likelihood.CELLS.works)
 
 
 class Drives:
@@ -333,6 +331,13 @@ def details(found: Mapping[str, tuple[str, Counts]]) -> None:
     print()
 
 
+def deciding() -> list[str]:
+    """Return the names of all constants that are numbers, but for budgets of work."""
+    records = {record: one for record, one in RECORDS.items() if record != 'BUDGET'}
+    names = [f'{record}.{field}' for record in records for field in records[record].__slots__]
+    return [name for name in names if isinstance(of(name), int | float)]
+
+
 def curve(drives: Drives, name: str, shipped: Mapping[str, float]) -> None:
     """Print what becomes of the drives along values of a constant, and the choices."""
     scores = {of(name): shipped}
@@ -369,7 +374,7 @@ def main() -> None:
     for words in filter(None, chosen.change):
         pairs = (word.split('=') for word in words.split(','))
         tell(words, drives.replayed({name: float(value) for name, value in pairs}))
-    for name in filter(None, chosen.curve):
+    for name in deciding() if 'all' in chosen.curve else filter(None, chosen.curve):
         curve(drives, name, shipped)
 
 

@@ -15,7 +15,7 @@ from convseq_ros.core.decision.evidence import evidence_length, novelty
 from convseq_ros.core.decision.expected_lead import ExpectedLead
 from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.light import Light
-from convseq_ros.core.decision.likelihood import strength_of, UNVERIFIED
+from convseq_ros.core.decision.likelihood import strength_of, unverified
 from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Observation, Observer
 from convseq_ros.core.decision.odometry_jump import OdometryJumps
@@ -38,9 +38,6 @@ from convseq_ros.core.types import (
     Reason,
 )
 import numpy as np
-
-# A place's ratio below this is denied by both: the least that cells leave, halved by keypoints.
-_DENIED = math.exp(UNVERIFIED) / 2
 
 
 class BeliefDecider(Decider):
@@ -171,7 +168,7 @@ class BeliefDecider(Decider):
         log_ratios = observed.log_ratios[np.searchsorted(observed.places, belief.places[is_same])]
         held = belief.mass[is_same]
         predicted = held * np.exp(-log_ratios)  # up to a factor
-        return bool(held.sum() < _DENIED * predicted.sum())
+        return bool(held.sum() < math.exp(unverified()) / 2 * predicted.sum())
 
     def _is_in_view(self, place: int, query: Query) -> bool:
         """

@@ -67,7 +67,9 @@ class COPIES:
     by_chance: float = 9.0  # places in which the strongest one lies by chance (docs/NOTES.md)
 
 
-UNVERIFIED = math.log(1 - CELLS.works)  # log ratio of places that are not verified
+def unverified() -> float:
+    """Return the log ratio of places that are not verified; it is the least that cells leave."""
+    return math.log(1 - CELLS.works)
 
 
 class RecentMean:
@@ -153,7 +155,7 @@ class Likelihood:
         """
         gain = gain_of(evidence.follows, evidence.chance, evidence.affirmed)
         spoken = math.log(CELLS.works) + evidence.cells + gain * evidence.is_strongest
-        cells, keypoints = np.logaddexp(spoken, math.log(1 - CELLS.works)), evidence.keypoints
+        cells, keypoints = np.logaddexp(spoken, unverified()), evidence.keypoints
         bound = np.logaddexp(0.0, cells.max() + math.log(COPIES.cells))
         total = np.minimum(cells, np.maximum(cells - bound, 0.0))
         copies, others = math.log(COPIES.scenes), math.log(1 - COPIES.scenes)

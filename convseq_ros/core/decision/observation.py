@@ -26,7 +26,7 @@ from convseq_ros.core.decision.likelihood import (
     Leads,
     Likelihood,
     strength_of,
-    UNVERIFIED,
+    unverified,
 )
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
@@ -74,7 +74,7 @@ class Observer:
         """
         places, verified = np.union1d(compared.places, belief.places), compared.verified
         if not verified:
-            ratio = UNVERIFIED if len(compared.places) else 0.0
+            ratio = unverified() if len(compared.places) else 0.0
             return Observation(places, np.full(len(places), ratio), {}, False)
         examined = np.array(sorted(verified))
         strengths = np.array([strength_of(verified[place]) for place in examined.tolist()])
@@ -106,7 +106,7 @@ class Observer:
             math.exp(asked[best].ratio) if best in asked else 1.0,
             _weight(query, novelty) if has_rivals else 0.0,
         )
-        log_ratios = np.full(len(places), UNVERIFIED)
+        log_ratios = np.full(len(places), unverified())
         log_ratios[at] = self._likelihood.log_ratios(evidence)
         by_state = keypoints if asked else None
         return Observation(places, log_ratios, verified, has_rivals, leads, asked, by_state)
