@@ -86,11 +86,11 @@ def _blocks(matcher: Scorer, witness: KeypointWitness, one: int, other: int) -> 
     As many as would if they had moved anywhere in the image are left out.
     """
     here, there = witness.of_place(one), witness.of_place(other)
+    if here is None or there is None or not len(matches := matched(here, there)):
+        return 0.0
     images = matcher.packed(one), matcher.packed(other)
-    if here is None or there is None or images[0] is None or images[1] is None:
+    if images[0] is None or images[1] is None:
         return 0.0
-    matches, side = matched(here, there), images[0].side
-    if not len(matches):
-        return 0.0
+    side = images[0].side
     moved = motion(images[0], images[1], common_shift(matches, side))
     return agreeing_blocks(matches, moved, side) - agreeing_by_chance(len(matches), side)

@@ -3,12 +3,14 @@
 """Which share of a place's scene other places show, and what has been in view ever since."""
 
 from dataclasses import replace
+import sqlite3
 
 from convseq_ros.app.cameras import Cameras
 from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import make_config, with_values
 from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.covisibility import Covisibility
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera, Frame, Reason
 import cv2
@@ -88,6 +90,18 @@ def test_a_map_of_few_places_has_shares_and_no_match(count):
     assert recognizer.decider._covisibility.shares(0, np.arange(count)).min() > 0.8
     matches = [recognizer.process(frame) for frame in noisy(views * 4)]
     assert {match.reason for match in matches} <= {Reason.TOO_FEW_RIVALS, Reason.WEAK}
+
+
+def test_a_damaged_place_shows_no_other_and_those_beside_it_still_do(tmp_path):
+    path = tmp_path / 'map.db'
+    build_map(shown(panned(1, 0, 4, 10)), path, CONFIG)
+    with sqlite3.connect(path) as database:
+        database.execute('UPDATE pictures SET crc32 = crc32 + 1 WHERE reference_index = 5')
+    database.close()
+    covisibility = PlaceRecognizer(open_map(path), CONFIG).decider._covisibility
+    assert covisibility.share(4, 6) > 0.7 and covisibility.share(4, 5) == 0
+    assert covisibility.share(5, 4) == 0
+    assert covisibility.is_in_view(0) and not covisibility.is_in_view(5)
 
 
 @pytest.mark.parametrize(
