@@ -60,7 +60,8 @@ class COPIES:
     """How often another place looks like the true one."""
 
     # Shares of frames elsewhere that look like a place: by cells in every respect, which is also
-    # the share of what enters that is at a copy; by keypoints that agree as a scene.
+    # the share of what enters that is at a copy, and bounds what of the lost enters a place; by
+    # keypoints that agree as a scene.
     cells: float = 5e-4  # chosen by fit_decision.py, with each place left out in turn
     scenes: float = 1e-4
     along: float = 0.3  # share of drives elsewhere along which the strongest place moves, too
