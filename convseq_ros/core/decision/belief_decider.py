@@ -174,11 +174,11 @@ class BeliefDecider(Decider):
         """
         Return whether a place of the drive has been in view ever since.
 
-        Without keypoints, the robot leaves it if the oldest frame of the buffer shows it more than
-        the newest one.
+        A map whose newest place may be matched grows no more, and cannot tell. Without keypoints,
+        the robot leaves the place if the oldest frame of the buffer shows it more than the newest.
         """
         if self._witness.knows(place):
-            return self._covisibility.is_in_view(place)
+            return query.usable < len(self._map) and self._covisibility.is_in_view(place)
         known = [one.features for one in query.buffer.frames if one.features is not None]
         newest, oldest = (
             self._matcher.verified(features, [place]).get(place, NOTHING)

@@ -151,6 +151,19 @@ def test_a_scene_that_returns_after_others_was_not_in_view():
     assert short.is_in_view(2)  # something passes before the camera
 
 
+def test_a_true_return_to_the_end_of_a_map_that_grows_no_more_is_a_match():
+    recognizer = PlaceRecognizer(build_map([], None, ONLINE), ONLINE)
+    first, others = panned(1, 0, 40, 30), panned(2, 0, 40, 30)
+    frames = noisy([*first, *others, *first[20:]])
+    for frame in frames[:30]:
+        recognizer.process(frame)
+    recognizer.mapping.freeze()
+    matches = [recognizer.process(frame) for frame in frames[30:]]
+    assert not any(match.accepted for match in matches[:30])
+    back = [match.reason for match in matches[30:]]
+    assert Reason.RECENT not in back and back.count(Reason.ACCEPTED) >= 8
+
+
 @pytest.mark.parametrize('sources', [('',), ('/front', '/rear')], ids=['one camera', 'two'])
 def test_a_robot_that_stands_before_one_view_recognises_none_of_its_own_past(sources):
     """People pass, and lights flicker: the keyframes differ, and the scene behind stays."""
