@@ -150,10 +150,10 @@ def _accuracy(runs: Sequence[Summary]) -> Iterable[str]:
         [METHODS[name][0], *(_right(of[one, name]) if (one, name) in of else '' for one in sets)]
         for name in used
     )
-    yield _table(('% right (95 % interval) of those with a candidate', *sets), rows)
+    yield _table(('% right (95 % interval) of all whose place is in the map', *sets), rows)
     for one in sets:
         shares = ', '.join(
-            f'{name.removeprefix(_PUBLISHED)} {_percent(run["accuracy_matched"])}'
+            f'{name.removeprefix(_PUBLISHED)} {_percent(run["accuracy_all"])}'
             for (place, name), run in of.items()
             if place == one
             and name.startswith(_PUBLISHED)
@@ -164,9 +164,9 @@ def _accuracy(runs: Sequence[Summary]) -> Iterable[str]:
 
 
 def _right(told: Summary) -> str:
-    low, high = told.get('accuracy_matched_low'), told.get('accuracy_matched_high')
-    share = _percent(told['accuracy_matched'])
-    return f'{share} ({_percent(low)}-{_percent(high)}) of {told["matched_known"]}'
+    low, high = told.get('accuracy_all_low'), told.get('accuracy_all_high')
+    share = _percent(told['accuracy_all'])
+    return f'{share} ({_percent(low)}-{_percent(high)}) of {told["known"]}'
 
 
 def _counts(runs: Iterable[Summary]) -> list[str]:

@@ -113,7 +113,7 @@ def best_answers(data: Path, name: str) -> list[Claim]:
             asked = [word for method in methods for word in ('--method', method)]
             how = '--data-root', str(data), '--output', folder, '--threads', '1', '--json'
             text = output_of('-m', 'convseq_ros.cli', 'evaluate', name, *asked, *how)
-        found = {one['method']: 100 * one['accuracy_matched'] for one in json.loads(text)}
+        found = {one['method']: 100 * one['accuracy_all'] for one in json.loads(text)}
     return [
         Claim(
             f'{name}, {method or "others"}',
