@@ -3,15 +3,16 @@
 """
 Real drives, most of them in other light, of which each frame's place is known.
 
-A folder of them holds `SET/DRIVE/NUMBER.jpg`, in driving order, and `truth/SET.csv`, whose rows
-say of a frame where on a lap it is and on how many matches of SIFT that rests. Their pictures are
-others': they are measured with, and not shown.
+A folder of them holds `SET/DRIVE/NUMBER.jpg`, in driving order (lay_out.py). Rows of
+truth/SET.csv beside this file say of a frame where on a lap it is and on how many matches of SIFT
+that rests; room.csv has a digit for each mapped frame: the points that both show, at most 9. Their
+pictures are others': they are measured with, and not shown.
 """
 
 from collections.abc import Callable
 import csv
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 import math
 from pathlib import Path
 
@@ -22,6 +23,7 @@ import cv2
 from known_drives import Drive, Make, Shown
 import numpy as np
 
+TRUTH = Path(__file__).resolve().parent / 'truth'
 DAY_NS, STEP_NS = 86_400 * 10**9, 10**8
 CONFIG = make_config({'threads': 1})
 
@@ -37,9 +39,9 @@ class Set:
     matches: int  # of SIFT that a row of the truth rests on, at least
     gap: int  # frames between rows over which places are interpolated
 
-    def places(self, folder: Path, drive: str) -> Callable[[int], float]:
+    def places(self, drive: str) -> Callable[[int], float]:
         """Return the place of a frame of a drive, by its number; nan if it is unknown."""
-        with (folder / f'truth/{self.name}.csv').open(newline='') as rows:
+        with (TRUTH / f'{self.name}.csv').open(newline='') as rows:
             known = {
                 int(row['frame']): float(row['place'])
                 for row in csv.DictReader(rows)
@@ -95,18 +97,19 @@ class Walk(Drive):
     def off(self, here: float, there: np.ndarray) -> np.ndarray:
         """Return 0 for places that show the frame's scene, 3 for others, 1.5 between."""
         around = [slice(max(0, int(at) - 3), int(at) + 4) for at in there]
-        points = np.array([self.shared[int(here), one].max() for one in around])
+        points = np.array([shared_points()[int(here)][one].max() for one in around])
         if not (points >= 8).any():
             return np.full(len(there), math.nan)
         return np.select([points >= 8, points <= 2], [0.0, 3.0], 1.5)
 
-    @property
-    def shared(self) -> np.ndarray:
-        """Number of shared points (n, n), frame by frame."""
-        return SHARED[self.name]
 
-
-SHARED = dict[str, np.ndarray]()  # by the name of a walk
+@lru_cache(1)
+def shared_points() -> dict[int, np.ndarray]:
+    """Return the points that a frame of the second round shares with those of the first, (n,)."""
+    with (TRUTH / 'room.csv').open(newline='') as rows:
+        return {
+            int(row['frame']): np.array([*map(int, row['points'])]) for row in csv.DictReader(rows)
+        }
 
 
 def shown(folder: Path, place: Callable[[int], float], part: Part, start_ns: int = 0) -> Shown:
@@ -126,7 +129,7 @@ def of_laps(
     """Return a drive in a map of another day, or in half of it."""
 
     def of_part(part: Part, start_ns: int) -> Shown:
-        place = of.places(folder, part.drive) if part.is_mapped else lambda _number: math.inf
+        place = of.places(part.drive) if part.is_mapped else lambda _number: math.inf
         return shown(folder / of.name / part.drive, place, part, start_ns)
 
     places = of_part(mapped, 0)
@@ -148,8 +151,6 @@ def of_park(folder: Path, name: str, kept: Part, driven: str) -> Drive:
 
 def of_room(folder: Path, name: str) -> Drive:
     """Return the second round through a room in a map of the first."""
-    with np.load(folder / 'truth/room.npz') as stored:
-        SHARED[name] = stored['shared'].astype(int)
     first, second = Part('walk', 1, 282), Part('walk', 291, 464)
     mapped = shown(folder / 'room/walk', float, first)
     queries = shown(folder / 'room/walk', float, second, DAY_NS)
