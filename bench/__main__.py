@@ -3,7 +3,7 @@
 """
 Measure, print tables, and write them as JSON: `python -m bench [PART ...]`, from the repository.
 
-With --page, docs/PERFORMANCE.md is written too, from that JSON alone.
+With --page, docs/PERFORMANCE.md is written too, from JSON files alone.
 """
 
 import argparse
@@ -17,7 +17,7 @@ import time
 from bench.finding import cells, COLUMNS, table
 from bench.machine import described
 from bench.material import prepare
-from bench.page import summary, write_page
+from bench.page import summary, write_earlier, write_page
 from bench.part import PARTS, run
 
 SIZES = 1_000, 10_000, 100_000
@@ -31,6 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not chosen.page_only:
         with tempfile.TemporaryDirectory(prefix='convseq_bench_') as folder:
             _measure(chosen, chosen.folder or Path(folder))
+    if chosen.beside:
+        write_earlier(chosen.beside, chosen.docs)
     if chosen.page or chosen.page_only:
         write_page(json.loads(chosen.json.read_text(encoding='utf-8')), chosen.docs)
     return 0
@@ -76,6 +78,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--docs', type=Path, default=Path('docs'), help='folder of the page')
     parser.add_argument('--best-kernels', action='store_true', help='only the best kernels')
     parser.add_argument('--page', action='store_true', help='also write the page')
+    beside = 'of earlier commits, on this machine: the page has frames beside theirs'
+    parser.add_argument('--beside', type=Path, nargs='+', metavar='JSON', help=beside)
     parser.add_argument('--page-only', action='store_true', help='only write the page anew')
     return parser
 

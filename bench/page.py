@@ -43,6 +43,7 @@ _SPLIT = """
 the rest (*by clock*) with the clock. A core that does less in a cycle takes longer. The share of a
 core is that of a camera of 30 Hz with 8 keyframes a second.
 """
+_BESIDE = 'performance_beside.json'  # what frames took at earlier commits
 _MILLION = 1_000_000
 MAIN = 0, 1, 3  # columns
 _ADVICE = """
@@ -62,6 +63,9 @@ def write_page(measured: Mapping[str, Any], docs: Path) -> None:
     """Write the document."""
     rows = measured['findings']
     parts = [_HEAD + _machine(measured), *map(table, summary(measured)), _SPLIT]
+    parts.append(table(stages(rows)))
+    if (docs / _BESIDE).exists():
+        parts.append(table(beside(rows, json.loads((docs / _BESIDE).read_text(encoding='utf-8')))))
     # The main figures are those that have a target; targets are told in the JSON only.
     aimed = [row for row in rows if row['most'] is not None or row['least'] is not None]
     # Frames are told above; other kernels and threads repeat these.
@@ -76,6 +80,50 @@ def write_page(measured: Mapping[str, Any], docs: Path) -> None:
     if computed.exists():
         parts.append(section(json.loads(computed.read_text(encoding='utf-8'))))
     (docs / 'PERFORMANCE.md').write_text('\n'.join(parts), encoding='utf-8')
+
+
+def write_earlier(paths: Iterable[Path], docs: Path) -> None:
+    """Keep what the JSON files of earlier commits say of frames."""
+    kept = []
+    for path in paths:
+        measured = json.loads(path.read_text(encoding='utf-8'))
+        commit = short(measured['about']['commit'])
+        kept.append({'commit': commit, 'frames': _frames(measured['findings'])})
+    (docs / _BESIDE).write_text(json.dumps(kept, indent=1) + '\n', encoding='utf-8')
+
+
+def beside(rows: Iterable[Row], earlier: Iterable[Mapping[str, Any]]) -> list[list[str]]:
+    """Return a table of frames here and at earlier commits, head first."""
+    now, before = _frames(rows), list(earlier)
+    lines = [['frame', 'here, ms']]
+    lines[0] += [head for one in before for head in (f'at {one["commit"]}, ms', 'times that')]
+    for what, here_ms in now.items():
+        line = [what, number(here_ms)]
+        for one in before:
+            then_ms = one['frames'].get(what)
+            line += [number(then_ms), f'{here_ms / then_ms:.2f}'] if then_ms else ['', '']
+        lines.append(line)
+    return lines
+
+
+def stages(rows: Iterable[Row]) -> list[list[str]]:
+    """Return a table of where the time of a frame goes, head first."""
+    by_size = dict[str, dict[str, float]]()
+    for row in rows:
+        what, _, kind = row['what'].rpartition(', ')
+        if kind == 'by stage' and is_main(row):
+            by_size.setdefault(what, {})[row['side']] = row['value']
+    names = dict.fromkeys(stage for one in by_size.values() for stage in one)
+    lines = ([name, *(number(one[name]) for one in by_size.values())] for name in names)
+    return [['stage, ms', *by_size], *lines]
+
+
+def _frames(rows: Iterable[Row]) -> dict[str, float]:
+    return {
+        row['what']: row['value']
+        for row in rows
+        if row['part'] == 'frames' and row['side'] == 'whole' and is_main(row)
+    }
 
 
 def is_main(row: Row) -> bool:

@@ -23,6 +23,7 @@ from convseq_ros.core.compiled import available, library
 from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.budget import BUDGET
+from convseq_ros.core.decision.covisibility import Covisibility
 from convseq_ros.core.decision.light import Light
 from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Observer
@@ -57,6 +58,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     'pair scores': ((FeatureCache, 'scores_of'),),
     'verification': ((Matcher, 'verified'),),
     'keypoints': ((Observer, '_asked'), (Light, 'observe')),
+    'covisibility': ((Covisibility, 'share'), (Covisibility, 'is_in_view')),
     'observation ratios': ((Observer, 'observe'),),
     'belief': (
         (MotionModel, 'move'),

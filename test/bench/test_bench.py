@@ -5,6 +5,7 @@
 import json
 import os
 from pathlib import Path
+import re
 import resource
 import sys
 import time
@@ -14,7 +15,7 @@ from programs import run
 import pytest
 
 from bench.finding import is_met
-from bench.page import is_main, of_a_city, ROBOTS
+from bench.page import beside, is_main, of_a_city, ROBOTS
 from bench.part import PARTS
 from bench.parts.frames import STAGES
 from bench.torture import forked, fuzz
@@ -154,6 +155,18 @@ def test_every_part_measures_and_the_page_is_written(tmp_path):
     assert 'missed' not in page and 'at most' not in page  # targets are for developers
     assert all(f'| {name} |' in page for name in ROBOTS) or not library().variant
     assert 'Not measured' not in page
+    assert re.search(r'\| covisibility \| [0-9.e-]+ \|', page)  # of one size
+
+
+def test_a_frame_is_told_beside_those_of_earlier_commits():
+    row = {'part': 'frames', 'side': 'whole', 'kernels': '', 'threads': 1, 'value': 9.0}
+    rows = [{**row, 'what': 'frame, R = 48'}, {**row, 'what': 'frame, R = 96', 'value': 10.0}]
+    rows.append({**rows[0], 'kernels': 'numpy', 'value': 50.0})
+    earlier = {'commit': 'bd64ee3d', 'frames': {'frame, R = 48': 12.0}}
+    assert beside(rows, [earlier])[1:] == [
+        ['frame, R = 48', '9', '12', '0.75'],
+        ['frame, R = 96', '10', '', ''],
+    ]
 
 
 def test_a_city_lies_on_the_line_through_the_two_largest_maps():
