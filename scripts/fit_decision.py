@@ -9,7 +9,8 @@ benchmark, --real those of real_drives.py. On two cores it takes a quarter of an
 drives, and a minute for each change. A name is RECORD.name, such as BELIEF.entering. Each change
 is tried by itself. A curve tries a constant at 0.5, 0.7, 0.85, 1.2, 1.4 and 2 times its value, and
 prints which value is chosen with each place left out in turn; `--curve all` those of all constants
-that decide, in a night.
+that decide, in a night. Of several curves, the values chosen without a place are then tried
+together, and this place is scored with them.
 
 A match is right within the right distance, and false beyond the wrong one; between them it counts
 as neither. A drive scores (right - 10 false) / keyframes whose place is in the map, or of all
@@ -339,8 +340,8 @@ def deciding() -> list[str]:
     return [name for name in names if isinstance(of(name), int | float)]
 
 
-def curve(drives: Drives, name: str, shipped: Mapping[str, float]) -> None:
-    """Print what becomes of the drives along values of a constant, and the choices."""
+def curve(drives: Drives, name: str, shipped: Mapping[str, float]) -> dict[str, Any]:
+    """Print what becomes of the drives along a constant; return its choice without each place."""
     scores = {of(name): shipped}
     for factor in FACTORS:
         value = of(name) * factor
@@ -355,6 +356,22 @@ def curve(drives: Drives, name: str, shipped: Mapping[str, float]) -> None:
         print(f'{name}={value:.4g} is chosen without {", ".join(left_out)}')
     held_out = np.mean([scores[value][place] for place, value in chosen.items()])
     print(f'Places left out score {held_out:.4f}, with the shipped value {mean(shipped):.4f}.\n')
+    return chosen
+
+
+def together(
+    drives: Drives, chosen: Mapping[str, Mapping[str, Any]], shipped: Mapping[str, float]
+) -> None:
+    """Print the score of each place with all that is chosen without it, by constant and place."""
+    scores, left_out = dict[str, Mapping[str, float]](), dict[str, float]()
+    for place in shipped:
+        changes = {name: values[place] for name, values in chosen.items()}
+        told = ','.join(f'{name}={value:.4g}' for name, value in changes.items())
+        if told not in scores:
+            scores[told] = tell(told, drives.replayed(changes))
+        left_out[place] = scores[told][place]
+        print(f'Without {place} all of this is chosen: it scores {left_out[place]:.4f}.')
+    print(f'Places left out score {mean(left_out):.4f}, as shipped {mean(shipped):.4f}.\n')
 
 
 def main() -> None:
@@ -375,8 +392,10 @@ def main() -> None:
     for words in filter(None, chosen.change):
         pairs = (word.split('=') for word in words.split(','))
         tell(words, drives.replayed({name: float(value) for name, value in pairs}))
-    for name in deciding() if 'all' in chosen.curve else filter(None, chosen.curve):
-        curve(drives, name, shipped)
+    names = deciding() if 'all' in chosen.curve else [*filter(None, chosen.curve)]
+    curves = {name: curve(drives, name, shipped) for name in names}
+    if len(curves) > 1:
+        together(drives, curves, shipped)
 
 
 if __name__ == '__main__':
