@@ -100,27 +100,26 @@ def numbers(label: str) -> list[float]:
 
 def best_answers(data: Path, name: str) -> list[Claim]:
     """Return the claims on best answers of single images of a set."""
-    path, found = open_data_set(name, data).query.path, dict[str, float]()
+    data_set, found = open_data_set(name, data), dict[str, float]()
+    path, published = data_set.query.path, data_set.published
     reason = '' if path.exists() else f'{path} is missing'
     told = {
         of[1]: figure
         for of, figure in zip(ANSWERS, numbers('Best answers'), strict=True)
         if of[0] == name
     }
+    why = {method: NOT_OURS * (not method) for method in told}
+    why |= {one: f'{file} is missing' for one, file in published.items() if not file.exists()}
     if not reason:
-        methods = ['published' if one.startswith('vprbench') else one for one in told if one]
+        asked_for = [one for one in told if not why[one]]
+        methods = ['published' if one in published else one for one in asked_for]
         with tempfile.TemporaryDirectory() as folder:
             asked = [word for method in methods for word in ('--method', method)]
             how = '--data-root', str(data), '--output', folder, '--threads', '1', '--json'
             text = output_of('-m', 'convseq_ros.cli', 'evaluate', name, *asked, *how)
         found = {one['method']: 100 * one['accuracy_all'] for one in json.loads(text)}
     return [
-        Claim(
-            f'{name}, {method or "others"}',
-            figure,
-            found.get(method),
-            reason or NOT_OURS * (not method),
-        )
+        Claim(f'{name}, {method or "others"}', figure, found.get(method), reason or why[method])
         for method, figure in told.items()
     ]
 
