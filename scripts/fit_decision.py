@@ -38,7 +38,6 @@ from convseq_ros.core.decision import (
 )
 from convseq_ros.core.gate.gate import Verdict
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.similarity import background
 from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.similarity.scorer import Features
 from convseq_ros.core.types import Descriptor
@@ -50,7 +49,7 @@ from real_drives import in_other_light
 RECORDS: dict[str, Any] = {
     'CELLS': likelihood.CELLS, 'COPIES': likelihood.COPIES, 'KEYPOINTS': expected_lead.KEYPOINTS,
     'COMPARED': comparison.COMPARED, 'COVISIBLE': covisibility.COVISIBLE,
-    'BELIEF': belief.BELIEF, 'BACKGROUND': background.BACKGROUND,
+    'BELIEF': belief.BELIEF,
     'MOTION': motion.MOTION, 'LIGHT': light.LIGHT, 'BUDGET': budget.BUDGET,
 }  # fmt: skip
 FLOOR = 0.001  # of a probability: an answer cannot be more wrong than this
