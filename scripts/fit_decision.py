@@ -32,7 +32,6 @@ from convseq_ros.core.decision import (
     comparison,
     covisibility,
     expected_lead,
-    light,
     likelihood,
     motion,
 )
@@ -50,7 +49,7 @@ RECORDS: dict[str, Any] = {
     'CELLS': likelihood.CELLS, 'COPIES': likelihood.COPIES, 'KEYPOINTS': expected_lead.KEYPOINTS,
     'COMPARED': comparison.COMPARED, 'COVISIBLE': covisibility.COVISIBLE,
     'BELIEF': belief.BELIEF,
-    'MOTION': motion.MOTION, 'LIGHT': light.LIGHT, 'BUDGET': budget.BUDGET,
+    'MOTION': motion.MOTION, 'LIGHT': expected_lead.LIGHT, 'BUDGET': budget.BUDGET,
 }  # fmt: skip
 FLOOR = 0.001  # of a probability: an answer cannot be more wrong than this
 ELSEWHERE = 0.5  # overlap of the views below which a scene is seen from elsewhere

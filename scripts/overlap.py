@@ -12,7 +12,7 @@ from typing import Any
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.similarity.overlap import Overlap
+from convseq_ros.core.gate.near_duplicate import Overlap
 from convseq_ros.simulation.street import Street
 from drives import head, row, shots
 import numpy as np

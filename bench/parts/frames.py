@@ -24,17 +24,16 @@ from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.decision.covisibility import Covisibility
-from convseq_ros.core.decision.light import Light
+from convseq_ros.core.decision.expected_lead import Light
 from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Observer
-from convseq_ros.core.decision.odometry_prior import OdometryPrior
+from convseq_ros.core.decision.odometry import OdometryPrior
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.retrieval.coarse_scores import CoarseScores
-from convseq_ros.core.retrieval.track import Track
+from convseq_ros.core.retrieval.coarse_scores import CoarseScores, Track
 from convseq_ros.core.similarity.coherent import COHERENT
 from convseq_ros.core.similarity.feature_cache import FeatureCache
 from convseq_ros.core.similarity.matcher import Matcher

@@ -9,8 +9,7 @@ import os
 import time
 
 from convseq_ros.core.compiled import library
-from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.entropy import ENTROPY
+from convseq_ros.core.encoding.descriptor import describe, ENTROPY
 from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.similarity.coherent import extract

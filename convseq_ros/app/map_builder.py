@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Self
 
 from convseq_ros.config import Config, EVERY_FRAME, MotionConfig
-from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
-from convseq_ros.core.encoding.glance import Glance, glance
-from convseq_ros.core.gate.stamp_order import AnyOrder
+from convseq_ros.core.encoding.glance import brightness, Glance, glance
+from convseq_ros.core.gate.gate import AnyOrder
 from convseq_ros.core.map.appender import Appender, MapOwner
 from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.image_coding import decode_jpeg

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The query beside its best reference: on `~/debug_image`, and drawn by `convseq locate`."""
 
-from convseq_ros.core.encoding.upright import upright
+from convseq_ros.core.geometry.map_view import upright
 from convseq_ros.core.map.image_coding import decode_jpeg
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match

@@ -20,7 +20,7 @@ from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import replaced
-from convseq_ros.core.similarity.threads import usable_cores
+from convseq_ros.core.similarity.feature_cache import usable_cores
 from convseq_ros.errors import ConvseqError, FleetError, MapError, SourceError
 from convseq_ros.fleet.cluster import finished_jobs, started
 from convseq_ros.models.onnx_model import open_model

@@ -13,17 +13,14 @@ from convseq_ros.core.decision.paper.decider import PaperDecider
 from convseq_ros.core.decision.paper.pair_score import PaperMatcher
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import Describe, FirstStage
-from convseq_ros.core.encoding.upright import upright
-from convseq_ros.core.gate.gate import FrameGate
-from convseq_ros.core.gate.stamp_order import Order, StampOrder
-from convseq_ros.core.geometry.map_view import MapView
+from convseq_ros.core.gate.gate import FrameGate, Order, StampOrder
+from convseq_ros.core.geometry.map_view import MapView, upright
 from convseq_ros.core.map.online import FollowedMap, mapping_of, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.camera_check import CameraCheck
 from convseq_ros.core.pose.estimate import with_pose
 from convseq_ros.core.pose.nearby import places_near
-from convseq_ros.core.pose.relative_pose import RelativePoses
-from convseq_ros.core.pose.shift import with_shift_and_yaw
+from convseq_ros.core.pose.relative_pose import RelativePoses, with_shift_and_yaw
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces, CoarseScores
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.similarity.matcher import make_matcher

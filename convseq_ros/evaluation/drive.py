@@ -8,11 +8,11 @@ from functools import cached_property
 import time
 
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, KeyframeConfig
-from convseq_ros.core.encoding.brightness import brightness
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe, visible_cells
 from convseq_ros.core.encoding.first_stage import FirstStage, identity_of
+from convseq_ros.core.encoding.glance import brightness
 from convseq_ros.core.encoding.keypoints import detect
-from convseq_ros.core.encoding.upright import upright
+from convseq_ros.core.geometry.map_view import upright
 from convseq_ros.core.map.image_coding import thumbnail
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame

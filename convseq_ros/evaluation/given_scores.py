@@ -9,7 +9,7 @@ from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.config import Config
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.sequence.diagonals import sequence_scores
+from convseq_ros.core.sequence.query_buffer import sequence_scores
 from convseq_ros.core.similarity.scorer import Features, Scorer
 from convseq_ros.core.types import Descriptor, Indices, Match, Row
 from convseq_ros.evaluation.drive import DescribedDrive

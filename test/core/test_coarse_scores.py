@@ -7,8 +7,7 @@ import tracemalloc
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.retrieval.coarse_scores import CoarseScores, top
-from convseq_ros.core.retrieval.track import TRACK, Track
+from convseq_ros.core.retrieval.coarse_scores import CoarseScores, top, TRACK, Track
 from convseq_ros.core.retrieval.whitening import statistics_of, sums_of, WhitenedReferences
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -9,8 +9,7 @@ from types import SimpleNamespace
 
 from convseq_ros.config import EncodingConfig, MatchingConfig
 from convseq_ros.core.compiled import available
-from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.entropy import ENTROPY
+from convseq_ros.core.encoding.descriptor import describe, ENTROPY
 from convseq_ros.core.encoding.regions import (
     global_descriptor,
     joined_regions,
@@ -18,8 +17,8 @@ from convseq_ros.core.encoding.regions import (
     projection,
 )
 from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
-from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.coherent import extract, global_similarity, region_blocks, widened
+from convseq_ros.core.similarity.feature_cache import Background
 from convseq_ros.core.similarity.kernels.numpy_coherent import (
     coherent_score,
     less_background,

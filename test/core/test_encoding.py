@@ -9,14 +9,15 @@ from convseq_ros import build_map, Config, open_map, PlaceRecognizer
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core import compiled
 from convseq_ros.core.encoding.descriptor import (
+    cell_entropies,
     cell_histograms,
     describe,
+    local_entropy,
     salient_regions,
     visible_cells,
 )
-from convseq_ros.core.encoding.entropy import cell_entropies, local_entropy
 from convseq_ros.core.encoding.mask import masked
-from convseq_ros.core.encoding.upright import upright
+from convseq_ros.core.geometry.map_view import upright
 from convseq_ros.core.types import Camera, Frame
 from convseq_ros.errors import ConfigError, MapError
 from convseq_ros.io.mask_file import read_mask

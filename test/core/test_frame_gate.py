@@ -8,10 +8,7 @@ from unittest.mock import Mock
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, KeyframeConfig, MotionConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.encoding.glance import glance
-from convseq_ros.core.gate.dropped_frames import FrameDropDetector
-from convseq_ros.core.gate.gate import FrameGate
-from convseq_ros.core.gate.stamp_order import Order, StampOrder
-from convseq_ros.core.gate.standstill import Standstill
+from convseq_ros.core.gate.gate import FrameDropDetector, FrameGate, Order, StampOrder, Standstill
 from convseq_ros.core.types import Reason
 import numpy as np
 from poses import at

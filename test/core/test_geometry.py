@@ -5,13 +5,13 @@
 from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.geometry import numpy_kernels
-from convseq_ros.core.geometry.displacement import packed_regions
 from convseq_ros.core.geometry.structure import Structure
 from convseq_ros.core.geometry.verification import (
     motion,
     MOTION_FIT,
     NOTHING,
     overlap,
+    packed_regions,
     Verification,
 )
 from convseq_ros.core.geometry.verification import verify as verify_all

@@ -15,8 +15,7 @@ from convseq_ros.core.decision.paper.pair_score import (
     PaperMatcher,
     PaperSimilarity,
 )
-from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.entropy import local_entropy
+from convseq_ros.core.encoding.descriptor import describe, local_entropy
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame
 import cv2

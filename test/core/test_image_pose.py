@@ -12,6 +12,7 @@ from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.pose.estimate import MapMotion
 from convseq_ros.core.pose.image_pose import (
     ImagePoses,
     KEYPOINT,
@@ -19,7 +20,6 @@ from convseq_ros.core.pose.image_pose import (
     matched_keypoints,
     SiftKeypoints,
 )
-from convseq_ros.core.pose.map_motion import MapMotion
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import inverse, matrix, ROBOT_LENS
 from convseq_ros.core.types import Camera

@@ -8,11 +8,10 @@ import sqlite3
 
 from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config, with_values
-from convseq_ros.core.decision.expected_lead import ExpectedLead
-from convseq_ros.core.decision.keypoint_witness import KeypointWitness
-from convseq_ros.core.decision.light import Light
-from convseq_ros.core.encoding.brightness import brightness
+from convseq_ros.core.decision.covisibility import KeypointWitness
+from convseq_ros.core.decision.expected_lead import ExpectedLead, Light
 from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.glance import brightness
 from convseq_ros.core.encoding.keypoints import (
     agreeing_blocks,
     common_shift,

@@ -10,8 +10,7 @@ from convseq_ros.app.pipeline import Pipeline
 from convseq_ros.cli import main
 from convseq_ros.config import make_config
 from convseq_ros.core.graph.links import chained, Link, LINKS, Links
-from convseq_ros.core.graph.neighbourhood import Neighbourhood
-from convseq_ros.core.graph.session_bounds import SessionBounds
+from convseq_ros.core.graph.neighbourhood import Neighbourhood, SessionBounds
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.session_slice import carry_links
 from convseq_ros.core.map.writer import save_map

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which places of a drive give depth to a place, how far they are, and which is nearest."""
 
-from convseq_ros.core.pose.map_motion import MapMotion
+from convseq_ros.core.pose.estimate import MapMotion
 from convseq_ros.core.types import RelativePose
 import numpy as np
 from poses import at

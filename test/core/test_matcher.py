@@ -10,8 +10,8 @@ from convseq_ros.core.decision.paper.pair_score import PaperMatcher
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity import kernels
+from convseq_ros.core.similarity.feature_cache import usable_cores
 from convseq_ros.core.similarity.matcher import Matcher
-from convseq_ros.core.similarity.threads import usable_cores
 from convseq_ros.core.types import Descriptor
 import numpy as np
 import pytest

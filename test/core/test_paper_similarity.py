@@ -5,9 +5,9 @@
 from convseq_ros.core.decision.paper.pair_score import pair_scores, paper_regions
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import projected_regions
+from convseq_ros.core.gate.near_duplicate import Overlap
 from convseq_ros.core.similarity.coherent import extract
 from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, normalized
-from convseq_ros.core.similarity.overlap import Overlap
 from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np

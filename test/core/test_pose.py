@@ -8,11 +8,10 @@ import math
 from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import Config, EVERY_FRAME, MatchingConfig, RobotConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.upright import upright
+from convseq_ros.core.geometry.map_view import upright
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.relative_pose import RelativePoses
-from convseq_ros.core.pose.shift import relative_yaw, shift_px
+from convseq_ros.core.pose.relative_pose import relative_yaw, RelativePoses, shift_px
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import inverse, matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.similarity.matcher import make_matcher, Matcher

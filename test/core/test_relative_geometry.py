@@ -5,10 +5,9 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.core.geometry.alignment import align, Alignment
+from convseq_ros.core.geometry.alignment import align, Alignment, base_pose, ERROR
 from convseq_ros.core.geometry.lens import is_usable, rays
 from convseq_ros.core.geometry.structure import Sight, Structure, triangulate
-from convseq_ros.core.geometry.uncertainty import base_pose, ERROR
 from convseq_ros.core.rigid import inverse, matrix, of_roll_pitch_yaw, ROBOT_LENS, turned_by
 from convseq_ros.core.types import Camera, Pose
 import cv2

@@ -9,9 +9,13 @@ from types import SimpleNamespace
 from convseq_ros.config import EncodingConfig, SequenceConfig
 from convseq_ros.core.decision.paper.length import choose_length
 from convseq_ros.core.encoding.descriptor import blank_descriptor
-from convseq_ros.core.graph.session_bounds import SessionBounds
-from convseq_ros.core.sequence.diagonals import diagonal, sequence_scores
-from convseq_ros.core.sequence.query_buffer import BufferedFrame, QueryBuffer
+from convseq_ros.core.graph.neighbourhood import SessionBounds
+from convseq_ros.core.sequence.query_buffer import (
+    BufferedFrame,
+    diagonal,
+    QueryBuffer,
+    sequence_scores,
+)
 from convseq_ros.core.types import Descriptor
 from golden.restatement import length_at
 from hypothesis import given

@@ -9,23 +9,18 @@ from convseq_ros.config import Config
 from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.decision.comparison import Comparer
-from convseq_ros.core.decision.covisibility import Covisibility
+from convseq_ros.core.decision.covisibility import Covisibility, KeypointWitness
 from convseq_ros.core.decision.decider import Answer, candidate, Decider, distinct_peaks, Query
-from convseq_ros.core.decision.evidence import evidence_length, novelty
-from convseq_ros.core.decision.expected_lead import ExpectedLead
-from convseq_ros.core.decision.keypoint_witness import KeypointWitness
-from convseq_ros.core.decision.light import Light
+from convseq_ros.core.decision.expected_lead import ExpectedLead, Light
 from convseq_ros.core.decision.likelihood import strength_of, unverified
 from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Observation, Observer
-from convseq_ros.core.decision.odometry_jump import OdometryJumps
-from convseq_ros.core.decision.odometry_prior import OdometryPrior
+from convseq_ros.core.decision.odometry import OdometryJumps, OdometryPrior
 from convseq_ros.core.geometry.verification import NOTHING
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
-from convseq_ros.core.sequence.diagonals import diagonal
-from convseq_ros.core.sequence.query_buffer import BUFFER
+from convseq_ros.core.sequence.query_buffer import BUFFER, diagonal, evidence_length, novelty
 from convseq_ros.core.similarity.scorer import Scorer
 from convseq_ros.core.types import (
     Candidate,

@@ -5,7 +5,7 @@
 from functools import lru_cache, partial
 import math
 
-from convseq_ros.core.decision.odometer import Odometer
+from convseq_ros.core.decision.odometry import Odometer
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix
 from convseq_ros.core.types import constants, Doubles, Indices, Pose

@@ -9,7 +9,7 @@ import math
 from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.decision.comparison import COMPARED, Comparison, has_controls
-from convseq_ros.core.decision.covisibility import Covisibility
+from convseq_ros.core.decision.covisibility import Covisibility, KeypointWitness
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.expected_lead import (
     keypoint_ratios,
@@ -18,7 +18,6 @@ from convseq_ros.core.decision.expected_lead import (
     ratios_of,
     STATES,
 )
-from convseq_ros.core.decision.keypoint_witness import KeypointWitness
 from convseq_ros.core.decision.likelihood import (
     COPIES,
     Evidence,

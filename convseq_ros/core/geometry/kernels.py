@@ -6,9 +6,16 @@ from collections.abc import Sequence
 
 from convseq_ros.core.compiled import address, Array, DOUBLE, FLOAT, kernel, SIZE
 from convseq_ros.core.encoding.regions import Regions
-from convseq_ros.core.geometry.displacement import Displacements, FIELD, PackedRegions, weights
 from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
-from convseq_ros.core.geometry.verification import initial_motion, Motion, MOTION_FIT
+from convseq_ros.core.geometry.verification import (
+    Displacements,
+    FIELD,
+    initial_motion,
+    Motion,
+    MOTION_FIT,
+    PackedRegions,
+    weights,
+)
 from convseq_ros.core.types import Doubles
 import numpy as np
 import numpy.typing as npt

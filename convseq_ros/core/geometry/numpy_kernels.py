@@ -6,9 +6,16 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from convseq_ros.core.encoding.regions import Regions
-from convseq_ros.core.geometry.displacement import Displacements, FIELD, PackedRegions, weights
 from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
-from convseq_ros.core.geometry.verification import initial_motion, Motion, MOTION_FIT
+from convseq_ros.core.geometry.verification import (
+    Displacements,
+    FIELD,
+    initial_motion,
+    Motion,
+    MOTION_FIT,
+    PackedRegions,
+    weights,
+)
 from convseq_ros.core.rigid import turned_by
 from convseq_ros.core.types import Doubles, Flags, Floats
 import cv2

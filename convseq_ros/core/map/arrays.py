@@ -8,7 +8,7 @@ from mmap import MAP_ANONYMOUS, MAP_PRIVATE, mmap
 import sys
 from typing import Any
 
-from convseq_ros.core.graph.session_bounds import SessionBounds
+from convseq_ros.core.graph.neighbourhood import SessionBounds
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.types import Pose, Vector
 import numpy as np

@@ -24,7 +24,7 @@ from convseq_ros.core.geometry.lens import Points, rays_through
 from convseq_ros.core.geometry.structure import Sight, Structure, triangulate
 from convseq_ros.core.map.image_coding import reduced
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.map_motion import MapMotion
+from convseq_ros.core.pose.estimate import MapMotion
 from convseq_ros.core.rigid import inverse, Matrix, matrix, ROBOT_LENS
 from convseq_ros.core.types import Camera, constants, Doubles, Flags, Floats, Frame, Gray, Indices
 import cv2

@@ -11,20 +11,35 @@ with the distance. (4) If the map keeps images, keypoints refine it.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+import math
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.encoding.regions import REGION
-from convseq_ros.core.geometry.alignment import align, Alignment, correct_parallax_loss
-from convseq_ros.core.geometry.displacement import found_in, PackedRegions
+from convseq_ros.core.geometry.alignment import (
+    align,
+    Alignment,
+    base_pose,
+    correct_parallax_loss,
+    ERROR,
+)
 from convseq_ros.core.geometry.lens import is_usable, rays
 from convseq_ros.core.geometry.structure import DEPTH, Sight, triangulate
-from convseq_ros.core.geometry.uncertainty import base_pose, ERROR
+from convseq_ros.core.geometry.verification import found_in, PackedRegions
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.pose.estimate import MapMotion
 from convseq_ros.core.pose.image_pose import ImagePoses, LensView
-from convseq_ros.core.pose.map_motion import MapMotion
-from convseq_ros.core.rigid import inverse, Matrix, matrix
+from convseq_ros.core.rigid import base_between, inverse, Matrix, matrix
 from convseq_ros.core.similarity.scorer import Features, Scorer
-from convseq_ros.core.types import Camera, Candidate, Doubles, Frame, Pose, RelativePose, Shift
+from convseq_ros.core.types import (
+    Camera,
+    Candidate,
+    Doubles,
+    Frame,
+    Match,
+    Pose,
+    RelativePose,
+    Shift,
+)
 import numpy as np
 
 
@@ -163,3 +178,32 @@ class RelativePoses:
         regions = self._matcher.packed(index)
         reference_camera = self._map.camera_of(index, camera)
         return None if regions is None else CellView(reference_camera, regions)
+
+
+def shift_px(shift: Shift, height: int, width: int, cells_across: int) -> Shift:
+    """Return a shift in pixels of an image, given in cells of the square made from the image."""
+    return shift[0] * height / cells_across, shift[1] * width / cells_across
+
+
+def relative_yaw(shift_px: Shift, camera: Camera) -> float:
+    """
+    Return by how many radians, in (-pi, pi), the query's camera is turned left.
+
+    Half the shift lies on either side of the optical axis. Approximate: lens distortion is
+    ignored, and a camera that moved sideways sees near things shift as well.
+    """
+    return -2.0 * math.atan(shift_px[1] / (2.0 * camera.fx_px))
+
+
+def with_shift_and_yaw(match: Match, frame: Frame, reference_map: ReferenceMap) -> Match:
+    """Return a match with its shift in pixels of the frame, and with the relative yaw."""
+    best = match.best
+    if best is None or best.shift is None or frame.gray is None:
+        return match
+    height, width = frame.gray.shape
+    moved_px, yaw_rad = shift_px(best.shift, height, width, reference_map.cell_shape[1]), None
+    if (camera := frame.camera) and camera.fx_px:
+        turn = base_between(reference_map.camera_of(best.reference_index, camera), camera)
+        yaw_rad = relative_yaw(moved_px, camera) + math.atan2(turn[1, 0], turn[0, 0])
+        yaw_rad = math.remainder(yaw_rad, math.tau)
+    return replace(match, shift_px=moved_px, relative_yaw_rad=yaw_rad)

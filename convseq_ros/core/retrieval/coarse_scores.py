@@ -9,7 +9,6 @@ Both are whitened first, and the scores are summed along the drive.
 from collections.abc import Sequence
 
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.retrieval.track import Track
 from convseq_ros.core.retrieval.whitening import (
     COARSE,
     DriveMean,
@@ -18,8 +17,58 @@ from convseq_ros.core.retrieval.whitening import (
     sums_of,
     WhitenedReferences,
 )
-from convseq_ros.core.types import Descriptor, Halves, Indices, Row
+from convseq_ros.core.types import constants, Descriptor, Halves, Indices, Row
 import numpy as np
+
+
+@constants
+class TRACK:
+    """The sums along the drive; tuned by recall on drawn and real sets."""
+
+    memory: float = 0.8  # share of a predecessor's sum that is passed on, per keyframe
+    reach: int = 3  # largest number of places that a drive passes per keyframe
+
+
+class Track:
+    """
+    Sums of coarse scores along the drive, one for each place.
+
+    The sum of a place is its score plus 80 % of the last sum of the best place just before it. So
+    one pass over the row replaces sequence matching at all velocities up to `reach`. In `both`
+    directions, the places just after it count as well. Sums stay within a session.
+    """
+
+    def __init__(self, both: bool) -> None:
+        self._both = both
+        self.reset()
+
+    def reset(self) -> None:
+        self.sums: Row = np.zeros(0, np.float32)
+
+    def update(self, row: Row, starts: Indices) -> None:
+        """Take in the scores of the newest query (R,); sessions begin at `starts`."""
+        before, old = self.sums, len(self.sums)
+        if not old:
+            self.sums = row.copy()
+            return
+        if len(row) > old:
+            before = np.append(before, np.full(len(row) - old, before.min(), np.float32))
+        best, bounds = before.copy(), starts[1:]
+        for step in range(1, TRACK.reach + 1):
+            earlier, later = before[:-step], before[step:]
+            if len(bounds):  # nothing is passed on from one session to another
+                crosses = np.zeros(len(row), np.bool_)
+                for back in range(step):
+                    crosses[bounds[bounds + back < len(row)] + back] = True
+                earlier = np.where(crosses[step:], -np.inf, earlier)
+                later = np.where(crosses[step:], -np.inf, later)
+            np.maximum(best[step:], earlier, out=best[step:])
+            if self._both:
+                np.maximum(best[:-step], later, out=best[:-step])
+        best *= TRACK.memory
+        best += row
+        self.sums = best
+
 
 _GROUP = 64  # size of the groups of scores whose maxima are compared first
 

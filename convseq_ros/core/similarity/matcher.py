@@ -6,15 +6,25 @@ from collections.abc import Sequence
 from functools import lru_cache, partial
 
 from convseq_ros.config import Config, MatchingConfig
-from convseq_ros.core.encoding.entropy import ENTROPY
-from convseq_ros.core.geometry.displacement import packed_regions, PackedRegions
-from convseq_ros.core.geometry.verification import field, motion, NOTHING, Verification, verify
+from convseq_ros.core.encoding.descriptor import ENTROPY
+from convseq_ros.core.geometry.verification import (
+    field,
+    motion,
+    NOTHING,
+    packed_regions,
+    PackedRegions,
+    Verification,
+    verify,
+)
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.similarity.background import Background
-from convseq_ros.core.similarity.feature_cache import FeatureCache
+from convseq_ros.core.similarity.feature_cache import (
+    Background,
+    FeatureCache,
+    Threads,
+    usable_cores,
+)
 from convseq_ros.core.similarity.kernels import coherent_kernel
 from convseq_ros.core.similarity.scorer import Features, Scorer
-from convseq_ros.core.similarity.threads import Threads, usable_cores
 from convseq_ros.core.types import Descriptor, Indices, Row, Shift
 import numpy as np
 import numpy.typing as npt

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from convseq_ros.core.geometry.displacement import PackedRegions
-from convseq_ros.core.geometry.verification import overlap, Verification
+from convseq_ros.core.geometry.verification import overlap, PackedRegions, Verification
 from convseq_ros.core.types import Descriptor, Indices, Row, Shift
 import numpy as np
 import numpy.typing as npt

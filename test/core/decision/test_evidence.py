@@ -4,8 +4,7 @@
 
 from types import SimpleNamespace
 
-from convseq_ros.core.decision.evidence import evidence_length, novelty
-from convseq_ros.core.sequence.query_buffer import QueryBuffer
+from convseq_ros.core.sequence.query_buffer import evidence_length, novelty, QueryBuffer
 import numpy as np
 import pytest
 

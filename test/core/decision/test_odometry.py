@@ -5,9 +5,7 @@
 import math
 
 from convseq_ros.config import RobotConfig
-from convseq_ros.core.decision.odometer import Odometer
-from convseq_ros.core.decision.odometry_jump import OdometryJumps
-from convseq_ros.core.decision.odometry_prior import OdometryPrior, SLACK
+from convseq_ros.core.decision.odometry import Odometer, OdometryJumps, OdometryPrior, SLACK
 from convseq_ros.core.rigid import matrix
 from convseq_ros.core.types import ROBOT
 import numpy as np

@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The odometry prior: how far each place is from where odometry allows the robot to be.
+Odometry: steps that no robot can have made, how far it has driven, and where it may be by that.
 
 Drift counts from the last match, one for each coordinate frame of the map; see `_initial_fix`.
 """
@@ -12,11 +12,68 @@ from dataclasses import dataclass
 import math
 
 from convseq_ros.config import RobotConfig
-from convseq_ros.core.decision.odometer import Odometer
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.rigid import inverse, Matrix, matrix
-from convseq_ros.core.types import constants, Doubles, Indices, Pose
+from convseq_ros.core.rigid import angle, inverse, Matrix, matrix
+from convseq_ros.core.types import constants, Doubles, Indices, Pose, ROBOT
 import numpy as np
+
+
+class OdometryJumps:
+    """Compares each pose with the one before."""
+
+    def __init__(self) -> None:
+        self.count = 0  # since the start
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self._last: tuple[int, Pose] | None = None
+
+    def observe(self, stamp_ns: int, pose: Pose | None) -> bool:
+        """Take in the next pose; return whether the step to it is too fast for a robot."""
+        if pose is None:
+            return False
+        last, self._last = self._last, (stamp_ns, pose)
+        if last is None:
+            return False
+        duration_s = max(0, stamp_ns - last[0]) / 1e9
+        is_jump = math.dist(pose.position, last[1].position) > ROBOT.fastest_mps * duration_s
+        self.count += is_jump
+        return is_jump
+
+
+class Odometer:
+    """
+    Adds up the steps between successive poses (4, 4) of the base in odometry.
+
+    The motion has one for each camera: a keyframe without a pose breaks it off, since its mean
+    step is that between keyframes. The odometry prior has one for all cameras of a robot, which
+    goes on across such keyframes, since drift does.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin a drive."""
+        self.distance_m, self.turn_rad, self.steps = 0.0, 0.0, 0
+        self.forget_pose()
+
+    def forget_pose(self) -> None:
+        """Forget the last pose: the step to the next one is unknown."""
+        self._last: Matrix | None = None
+
+    def move(self, here: Matrix) -> float | None:
+        """Take in the next pose; return its distance in metres from the last, < 0 in reverse."""
+        last, self._last = self._last, here
+        if last is None:
+            return None
+        moved = here[:3, 3] - last[:3, 3]
+        step_m = math.hypot(*moved.tolist())
+        self.distance_m += step_m
+        self.turn_rad += angle(last[:3, :3].T @ here[:3, :3])
+        self.steps += 1
+        return math.copysign(step_m, float(moved @ last[:3, 0]))
 
 
 @constants
