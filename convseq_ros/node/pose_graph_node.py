@@ -31,6 +31,7 @@ from convseq_ros.pose_graph.closures import Known
 from convseq_ros.pose_graph.graph import PoseGraph
 from convseq_ros.pose_graph.lines import beside, tum, write_g2o
 from convseq_ros.pose_graph.optimisation import need_gtsam
+from convseq_ros.pose_graph.output import trajectory, whole
 from convseq_ros.pose_graph.problem import Problem
 from convseq_ros.pose_graph.stored import graph_of
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -278,7 +279,7 @@ class PoseGraphNode(ListeningNode):
         with self._lock:
             values = self._graph.counts
             is_shown = self._path.get_subscription_count() and values['keyframes']
-            corrected = self._graph.trajectory(_MOST_POSES) if is_shown else []
+            corrected = trajectory(self._graph, _MOST_POSES) if is_shown else []
         if corrected:
             self._path.publish(path_message(_posed(corrected), self._config.map_frame))
         level, text = self._state(values)
@@ -327,7 +328,7 @@ class PoseGraphNode(ListeningNode):
         config, written = replace(self._config, **chosen), []
         _refuse_files(config)
         with self._lock:
-            (poses, edges, stamps_ns), corrected = self._graph.whole(), self._graph.trajectory()
+            (poses, edges, stamps_ns), corrected = whole(self._graph), trajectory(self._graph)
         if config.tum_file and poses:
             write_lines(Path(config.tum_file), tum(_posed(corrected)))
             written.append(config.tum_file)

@@ -18,11 +18,9 @@ from convseq_ros.pose_graph.edges import Edge, link_edge
 from convseq_ros.pose_graph.odometry import Odometry
 from convseq_ros.pose_graph.optimisation import ROBUST, Solution
 from convseq_ros.pose_graph.problem import Problem
+from convseq_ros.pose_graph.references import MAP, Place, References
 from convseq_ros.pose_graph.solver import Solver
 import numpy as np
-
-Place = tuple[int, Matrix]  # a keyframe's node, over all drives from 1 on, and the pose since it
-_MAP = 0  # node at the origin of the map, from which absolute poses are measured
 
 
 @constants
@@ -34,8 +32,7 @@ class LIVE:
     agreeing: int = 2  # closures with earlier drives that say where the running one is
     loose: float = 1e3  # standard deviation of the start of a drive, metres and radians
     patience_ns: int = 10_000_000_000  # until a closure without a counterpart counts as unusable
-    most_poses: int = 1000  # absolute poses that wait for their closure, ...
-    most_waiting: int = 1000  # ... and closures without both their places
+    most_waiting: int = 1000  # closures without both their places
 
 
 @dataclass(eq=False)
@@ -60,7 +57,8 @@ class PoseGraph:
 
     def __post_init__(self) -> None:
         self._begin()
-        self._absolute = dict[int, tuple[Matrix, Matrix]]()
+        self._references = References(self.config)
+        self.add_pose = self._references.add_pose  # for closures whose place is not in the graph
 
     def _begin(self) -> None:
         """Begin a drive, and solve all anew."""
@@ -122,12 +120,6 @@ class PoseGraph:
                 return
         self.known[closure.key] = Known(closure)
 
-    def add_pose(self, query_ns: int, pose: Matrix, covariance: Matrix) -> None:
-        """Add a pose in the frame of the map, for a closure whose place is not in the graph."""
-        self._absolute[query_ns] = pose, covariance
-        if len(self._absolute) > LIVE.most_poses:
-            del self._absolute[next(iter(self._absolute))]
-
     @property
     def drives(self) -> list[Odometry]:
         """All drives; the last one is running."""
@@ -172,7 +164,7 @@ class PoseGraph:
         found = [(one, places) for one in waiting if (places := self._places(one))]
         if not (again or found or self.is_breaking):
             return None
-        self.nodes = self.nodes or {_MAP: np.eye(4)}
+        self.nodes = self.nodes or {MAP: np.eye(4)}
         stored = set[int]() if self._nodes else {*self.nodes}
         new = self._extend({query[0] for _, (_, _, query) in found} | stored)
         for one, places in found:
@@ -184,9 +176,9 @@ class PoseGraph:
             self._loosen()
         links = [one for one in self.known.values() if one.edge]
         held = {drive.first: LIVE.loose for drive in self.drives}
-        if self.earlier or not any(one.edge and one.edge.start == _MAP for one in links):
+        if self.earlier or not any(one.edge and one.edge.start == MAP for one in links):
             held[1] = ROBUST.held
-        held[_MAP], steps = ROBUST.held, [*self._steps]
+        held[MAP], steps = ROBUST.held, [*self._steps]
         return Problem(new, self.poses, steps, links, held, self.running.first, self._solver)
 
     @property
@@ -276,39 +268,8 @@ class PoseGraph:
         return changed
 
     def corrected(self, drive: Odometry, asked: Sequence[int] | None = None) -> Matrix:
-        """Return the poses (n, 4, 4) of a drive's keyframes; between solved ones they blend."""
-        wanted = np.array(drive.nodes if asked is None else asked, int)
-        poses = np.array([drive.keyframe(node) for node in wanted.tolist()]).reshape(-1, 4, 4)
-        nodes = self.poses()
-        fixed = np.array(sorted(node for node in nodes if node in drive.nodes))
-        if not len(fixed) or not len(wanted):
-            return poses
-        after = np.searchsorted(fixed, wanted, 'right')
-        ends = np.clip([after - 1, after], 0, len(fixed) - 1)
-        used, ends = np.unique(ends.ravel(), return_inverse=True)
-        fixed, (before, after) = fixed[used], ends.reshape(2, -1)
-        moves = np.array([nodes[at] @ inverse(drive.keyframe(at)) for at in fixed.tolist()])
-        spread = drive.variances().sum(axis=1)
-        ends = fixed[before], fixed[after]
-        start, end, here = (spread[at - drive.first] for at in (*ends, wanted))
-        share = ((here - start) / np.maximum(end - start, 1e-12)).clip(0, 1)
-        share = share[:, None, None]
-        result = (1 - share) * (moves[before] @ poses) + share * (moves[after] @ poses)
-        left, _, right = np.linalg.svd(result[:, :3, :3])  # the nearest rotation
-        result[:, :3, :3] = left @ right
-        return np.asarray(result)
-
-    def trajectory(self, most: int | None = None) -> list[tuple[int, Matrix]]:
-        """
-        Return the stamps and the corrected poses (4, 4) of the running drive's keyframes.
-
-        Of more than `most` it is every n-th, and the newest.
-        """
-        count = len(self.running.keyframes)
-        step = max(1, math.ceil(count / (most or count or 1)))
-        nodes = self.running.nodes[::-step][::-1]
-        stamps = [self.running.keyframe_ns(node) for node in nodes]
-        return [*zip(stamps, self.corrected(self.running, nodes), strict=True)]
+        """Return the poses (n, 4, 4) of a drive's keyframes, by default of all."""
+        return drive.corrected(self.poses(), asked)
 
     @property
     def counts(self) -> dict[str, Any]:
@@ -355,44 +316,10 @@ class PoseGraph:
         """Take note that the robot is lost: its odometry may break here."""
         self.running.hints.append(self.running.nodes.stop)
 
-    def whole(self) -> tuple[dict[int, Matrix], list[Edge], dict[int, int]]:
-        """Return the corrected keyframes of all drives by node, all edges, and stamps by node."""
-        poses, edges, stamps_ns = dict[int, Matrix](), list[Edge](), dict[int, int]()
-        for drive in self.drives:
-            poses |= zip(drive.nodes, self.corrected(drive), strict=True)
-            edges += [drive.edge(*both) for both in pairwise(drive.nodes)]
-            stamps_ns |= {node: drive.keyframe_ns(node) for node in drive.nodes}
-        kept = (one.edge for one in self.known.values() if one.edge and one.kept)
-        edges += (edge for edge in kept if edge.start in poses)
-        return poses, edges, stamps_ns
-
-    @property
-    def linked(self) -> list[Odometry]:
-        """The drives that closures bring into one frame, that of the first one that has any."""
-        drives = self.drives
-        firsts = [drive.first for drive in drives]
-        kept = [one.edge for one in self.known.values() if one.edge and one.kept]
-        pairs = [[bisect_right(firsts, end) - 1 for end in edge.ends] for edge in kept]
-        found = {min(map(min, pairs))} if pairs else set[int]()
-        while more := [pair for pair in pairs if found & {*pair} and not found >= {*pair}]:
-            found.update(*more)
-        return [drives[number] for number in sorted(found)]
-
     def _places(self, one: Known) -> tuple[Closure, Place, Place] | None:
         """Return a closure as it is used, with its reference and query; None if one is unknown."""
-        closure = one.closure
-        found = self.running.place(closure.query_ns)
-        reference = self._reference(closure)
-        # One without a session is of this drive, or comes again, with its session.
-        if reference is None and closure.session and closure.query_ns in self._absolute:
-            moved, covariance = self._absolute[closure.query_ns]
-            closure = replace(closure, moved=moved, covariance=covariance)
-            reference = _MAP, np.eye(4)
-        elif not closure.is_measured:
-            moved, covariance = closure.moved.copy(), closure.covariance.copy()
-            moved[:3, 3] = covariance[:3] = covariance[:, :3] = 0
-            covariance[:3, :3] = np.eye(3) * self.config.closure_sigma_m**2
-            closure = replace(closure, moved=moved, covariance=covariance)
+        found = self.running.place(one.closure.query_ns)
+        closure, reference = self._references.of(one.closure, self.drives)
         if found and reference and found[0] != reference[0]:
             return closure, reference, found
         first_ns, newest_ns = self.running.stamps[0], self.running.stamps[-1]
@@ -417,17 +344,9 @@ class PoseGraph:
 
     def _node(self, keyframe: int, since: Matrix) -> tuple[int, Matrix, Matrix]:
         """Return the node before a place, and the pose (4, 4) since it, with its covariance."""
-        if keyframe == _MAP:
-            return _MAP, since, np.zeros((6, 6))
+        if keyframe == MAP:
+            return MAP, since, np.zeros((6, 6))
         drive = next(one for one in reversed(self.drives) if one.first <= keyframe)
         node = self._nodes[bisect_right(self._nodes, keyframe) - 1]
         step = drive.edge(node, keyframe)
         return node, step.moved @ since, step.covariance
-
-    def _reference(self, closure: Closure) -> Place | None:
-        """Return the place of the reference of a closure; None if it is not known."""
-        for drive in self.drives:
-            is_running = drive is self.running and not closure.session
-            if is_running or closure.session in drive.sessions:
-                return drive.place(closure.reference_ns)
-        return None

@@ -3,6 +3,7 @@
 """The odometry of one drive over time; some of its poses are keyframes."""
 
 from bisect import bisect_right
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 import math
 
@@ -216,6 +217,32 @@ class Odometry:
         position = more_m2 - metres + turned * float(moved[:3, 3] @ moved[:3, 3]) / 3
         covariance = np.diag([position] * 3 + [turned] * 3)
         return Edge(start, end, moved, covariance, False)
+
+    def corrected(self, nodes: Mapping[int, Matrix], asked: Sequence[int] | None = None) -> Matrix:
+        """
+        Return the corrected poses (n, 4, 4) of keyframes, by default of all.
+
+        `nodes` are those that were solved, (4, 4); between them poses blend.
+        """
+        wanted = np.array(self.nodes if asked is None else asked, int)
+        poses = np.array([self.keyframe(node) for node in wanted.tolist()]).reshape(-1, 4, 4)
+        fixed = np.array(sorted(node for node in nodes if node in self.nodes))
+        if not len(fixed) or not len(wanted):
+            return poses
+        after = np.searchsorted(fixed, wanted, 'right')
+        ends = np.clip([after - 1, after], 0, len(fixed) - 1)
+        used, ends = np.unique(ends.ravel(), return_inverse=True)
+        fixed, (before, after) = fixed[used], ends.reshape(2, -1)
+        moves = np.array([nodes[at] @ inverse(self.keyframe(at)) for at in fixed.tolist()])
+        spread = self.variances().sum(axis=1)
+        ends = fixed[before], fixed[after]
+        start, end, here = (spread[at - self.first] for at in (*ends, wanted))
+        share = ((here - start) / np.maximum(end - start, 1e-12)).clip(0, 1)
+        share = share[:, None, None]
+        result = (1 - share) * (moves[before] @ poses) + share * (moves[after] @ poses)
+        left, _, right = np.linalg.svd(result[:, :3, :3])  # the nearest rotation
+        result[:, :3, :3] = left @ right
+        return np.asarray(result)
 
 
 def _is_near(first: Matrix, second: Matrix, metres: float, radians: float) -> bool:

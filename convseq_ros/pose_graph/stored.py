@@ -16,6 +16,7 @@ from convseq_ros.pose_graph.closures import Closure, told, usable
 from convseq_ros.pose_graph.edges import Edge
 from convseq_ros.pose_graph.graph import PoseGraph
 from convseq_ros.pose_graph.optimisation import position_sigma_m
+from convseq_ros.pose_graph.output import linked_drives, whole
 import numpy as np
 
 _PAUSE_S = 10**8
@@ -100,13 +101,13 @@ def solved(stored: ReferenceMap) -> SolvedMap:
         stored, config = _by_places(stored, session, times), PoseGraphConfig(graph_spacing_m=0.01)
     graph = graph_of(stored, config, with_all_links=True)
     places, linked = dict[int, Matrix](), set[int]()
-    for drive in graph.linked:
+    for drive in linked_drives(graph):
         linked.update(drive.nodes)
         keyframes = graph.corrected(drive)
         for at in posed:
             if session[at] in drive.sessions and (found := drive.place(times[at])):
                 places[at] = keyframes[found[0] - drive.first] @ found[1]
-    vertices, edges, vertex_times = graph.whole()
+    vertices, edges, vertex_times = whole(graph)
     real = {time: stamps_ns[at] for at, time in times.items()}
     stamps = {vertex: real.get(time, time) for vertex, time in vertex_times.items()}
     return SolvedMap(vertices, edges, stamps, dict(sorted(places.items())), frozenset(linked))

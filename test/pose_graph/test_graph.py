@@ -11,6 +11,7 @@ from convseq_ros.core.types import UNKNOWN_M2
 from convseq_ros.pose_graph.closures import Closure
 from convseq_ros.pose_graph.edges import EDGE
 from convseq_ros.pose_graph.graph import PoseGraph
+from convseq_ros.pose_graph.output import trajectory
 import numpy as np
 import pytest
 from squares import closure, DRIFTED, driven, LAP, MEASURED, pose, RIGHT, SECOND, stamp, TRUE
@@ -94,7 +95,7 @@ def test_keyframes_between_nodes_are_corrected_by_interpolation(monkeypatch):
     assert np.abs(np.subtract(*positions)).max() < 0.2
 
 
-OTHERS = 'every', 'agreeing', 'loose', 'patience_ns', 'most_poses', 'most_waiting'
+OTHERS = 'every', 'agreeing', 'loose', 'patience_ns', 'most_waiting'
 
 
 def test_without_a_position_both_visits_are_near_each_other():
@@ -201,10 +202,10 @@ def test_closures_later_than_all_odometry_are_kept_up_to_a_number_and_said():
 def test_of_a_long_path_every_nth_keyframe_is_told():
     graph = driven(DRIFTED)
     solve(graph, *RIGHT)
-    whole, few = graph.trajectory(), graph.trajectory(60)
+    whole, few = trajectory(graph), trajectory(graph, 60)
     assert [stamp_ns for stamp_ns, _ in few] == [stamp_ns for stamp_ns, _ in whole[1::3]]
     assert np.allclose([at for _, at in few], [at for _, at in whole[1::3]])
-    assert few[-1][0] == whole[-1][0] and PoseGraph().trajectory(60) == []
+    assert few[-1][0] == whole[-1][0] and trajectory(PoseGraph(), 60) == []
 
 
 def test_a_place_of_the_map_moves_the_drive_into_the_frame_of_the_map():

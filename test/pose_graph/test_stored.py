@@ -12,6 +12,7 @@ from convseq_ros.core.rigid import inverse, Matrix, pose_of
 from convseq_ros.core.types import Pose
 from convseq_ros.pose_graph import solver
 from convseq_ros.pose_graph.graph import PoseGraph
+from convseq_ros.pose_graph.output import whole
 from convseq_ros.pose_graph.stored import graph_of, solved
 import numpy as np
 import pytest
@@ -209,7 +210,7 @@ def test_the_solved_map_is_the_graph_of_the_node_and_has_the_poses_of_places():
         elsewhere = replace(pose_of(TRUE[at]), variances=(0.0, 0.0))
         made.trail.add(Keyframe(made.sessions[1].id, stamp(at) + NEXT_DAY, elsewhere))
     found = solved(made)
-    vertices, edges, stamps_ns = graph_of(made, PoseGraphConfig()).whole()
+    vertices, edges, stamps_ns = whole(graph_of(made, PoseGraphConfig()))
     assert found.vertices.keys() == vertices.keys() and found.stamps_ns == stamps_ns
     assert len(found.edges) == len(edges)
     assert all(np.allclose(found.vertices[at], vertices[at], atol=1e-6) for at in vertices)
