@@ -19,7 +19,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import (
     chosen_slice,
     joined,
-    sessions_of,
+    required_slices,
     SessionSlice,
     slices_of,
 )
@@ -89,7 +89,7 @@ def _unlink(chosen: argparse.Namespace) -> None:
         raise MapError(f'{chosen.map}: place {min(unknown)} has no link; name one that has')
     places = {*chosen.place}
     for wanted in chosen.session:
-        places |= {*chosen_slice(sessions_of(chosen.map, reference_map), wanted).places}
+        places |= {*chosen_slice(required_slices(chosen.map, reference_map), wanted).places}
     count = unlink(chosen.map, places or None)
     note = 'their places are not looked up again'
     if not places:
@@ -112,7 +112,7 @@ def _merge(chosen: argparse.Namespace) -> None:
 
 def _split(chosen: argparse.Namespace) -> None:
     folder, files = chosen.output or chosen.map.parent, dict[Path, SessionSlice]()
-    for part in sessions_of(chosen.map):
+    for part in required_slices(chosen.map):
         name = _UNUSUAL.sub('_', part.session.name).strip('._') or str(part.number)
         path = folder / f'{name}.db'
         if path in files or path.exists():
@@ -134,7 +134,7 @@ def _remove(chosen: argparse.Namespace) -> None:
 
 
 def _without_sessions(chosen: argparse.Namespace, opened: ReferenceMap) -> ReferenceMap:
-    slices = sessions_of(chosen.map, opened)
+    slices = required_slices(chosen.map, opened)
     removed = [chosen_slice(slices, wanted) for wanted in chosen.session]
     if remaining := [part for part in slices if part not in removed]:
         return joined(remaining)
@@ -142,7 +142,7 @@ def _without_sessions(chosen: argparse.Namespace, opened: ReferenceMap) -> Refer
 
 
 def _rename(chosen: argparse.Namespace) -> None:
-    slices = sessions_of(chosen.map)
+    slices = required_slices(chosen.map)
     part, name = chosen_slice(slices, chosen.session), chosen.name
     if not name.isprintable() or not 0 < len(name) <= _MOST_CHARACTERS:
         raise MapError(f'name: {name!a} is not a line of 1 to {_MOST_CHARACTERS} characters')

@@ -19,7 +19,7 @@ from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.edit import forget_links
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.session_slice import joined, sessions_of, SessionSlice
+from convseq_ros.core.map.session_slice import joined, required_slices, SessionSlice
 from convseq_ros.core.map.writer import refuse_existing, rewrite, save_map
 from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import MapError, printable
@@ -73,7 +73,7 @@ def link(path: Path, unlinked: ReferenceMap) -> None:
 
 def _make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
     """Print the links of a map, and make the outputs that the options name."""
-    slices, links = sessions_of(chosen.map, linked), [*linked.links.each()]
+    slices, links = required_slices(chosen.map, linked), [*linked.links.each()]
     _report(slices, links, chosen.json)
     if not (chosen.g2o or chosen.output or chosen.picture or chosen.tum):
         return

@@ -47,7 +47,7 @@ def slices_of(path: Path, opened: ReferenceMap | None = None) -> list[SessionSli
     return slices
 
 
-def sessions_of(path: Path, opened: ReferenceMap | None = None) -> list[SessionSlice]:
+def required_slices(path: Path, opened: ReferenceMap | None = None) -> list[SessionSlice]:
     """Return what `slices_of` does; MapError if the map has no places."""
     if slices := slices_of(path, opened):
         return slices
