@@ -11,6 +11,7 @@ Sources: Hansen and Browning 2014 (SeqSLAM as a hidden Markov model); Xu, Suende
 2020 (an off-map state).
 """
 
+from collections.abc import Callable
 import math
 
 from convseq_ros.core.decision.budget import BUDGET
@@ -20,6 +21,9 @@ from convseq_ros.core.decision.motion import MOTION, MotionModel
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import constants, Doubles, Flags, Indices
 import numpy as np
+
+Shown = tuple[Indices, Doubles]  # places (n,), ascending, and the shares of a scene that they show
+_NOWHERE: Shown = np.zeros(0, np.int64), np.zeros(0)
 
 _AT_ONCE = 2_000  # masses of a place at a velocity that are moved at once, for 1 MB of memory
 
@@ -45,12 +49,17 @@ class Belief:
 
     At first all mass is elsewhere. Only `places`, (n,), ascending, hold mass. At a place, it is
     held by velocity and by state of the keypoints, as if the one did not depend on the other.
+    `onward` returns which places of earlier drives show the scene of the last place of one.
     """
 
     def __init__(
-        self, reference_map: ReferenceMap, motion: MotionModel, lead: ExpectedLead
+        self,
+        reference_map: ReferenceMap,
+        motion: MotionModel,
+        lead: ExpectedLead,
+        onward: Callable[[int, int], Shown] = lambda _last, _earlier: _NOWHERE,
     ) -> None:
-        self._map, self.motion, self._lead = reference_map, motion, lead
+        self._map, self.motion, self._lead, self._onward = reference_map, motion, lead, onward
         self.reset()
 
     def reset(self) -> None:
@@ -116,11 +125,12 @@ class Belief:
         """
         Move the mass; mass that leaves its session, or the usable places, is lost elsewhere.
 
-        `earlier` is the number of places of earlier drives.
+        What leaves the end of an earlier drive goes on where its last scene is seen, as at the
+        beginning of a lap. `earlier` is the number of places of earlier drives.
         """
         if not len(self.places):
             return
-        around, same, arrived, total = self._moved(*self._with_looks(usable), usable)
+        around, same, arrived, total, left = self._moved(*self._with_looks(usable), usable)
         reached = np.flatnonzero(arrived.any(axis=0))
         same, arrived = same.take(reached, axis=1), arrived.take(reached, axis=1)
         self.places = around[reached]
@@ -134,7 +144,24 @@ class Belief:
         same *= after.sum(axis=0)
         same /= arrived.sum(axis=0)
         self._mass, self._states = same, after
-        self._nowhere = max(0.0, 1.0 - float(after.sum()))
+        for end, share in left.items():
+            if end <= earlier and share > BUDGET.shares_from:
+                self._go_on(share, *self._onward(end - 1, earlier), earlier)
+        self._nowhere = max(0.0, 1.0 - float(self._states.sum()))
+
+    def _go_on(self, mass: float, places: Indices, shares: Doubles, earlier: int) -> None:
+        """Put mass at places (n,) that show its scene by some shares; what none shows is lost."""
+        if not len(places):
+            return
+        added = mass * shares.max() * shares / shares.sum()
+        whole = np.union1d(self.places, places)
+        at, to = np.searchsorted(whole, self.places), np.searchsorted(whole, places)
+        held, states = np.zeros((len(self._mass), len(whole))), np.zeros((STATES, len(whole)))
+        held[:, at], states[:, at] = self._mass, self._states
+        held[:, to] += self.motion.prior[:, None] * added
+        states[:, to] += self._lead.entering(places, earlier) * added
+        self.places, self._mass, self._states = whole, held, states
+        self._lost = max(0.0, self._lost - float(added.sum()))
 
     def update(
         self,
@@ -176,11 +203,12 @@ class Belief:
 
     def _moved(
         self, places: Indices, mass: Doubles, states: Doubles, usable: int
-    ) -> tuple[Indices, Doubles, Doubles, float]:
+    ) -> tuple[Indices, Doubles, Doubles, float, dict[int, float]]:
         """
         Return places, the mass that arrives there by velocity and by state, and all that moved.
 
-        Each sum is in the order of velocities and places, so the parts make no difference.
+        At last what left sessions at their end, by the place after it. Each sum is in the order of
+        velocities and places, so the parts make no difference.
         """
         held = np.flatnonzero(mass > BUDGET.least)  # of all velocities at all places
         centres, sigmas = (one.ravel()[held] for one in self.motion.moved(places))
@@ -188,6 +216,8 @@ class Belief:
         spans = self._map.bounds.spans(places)
         firsts, stops = (np.broadcast_to(bound, places.shape) for bound in spans)
         stops = np.minimum(stops, usable)
+        ends, number_of_end = np.unique(stops, return_inverse=True)
+        left = np.zeros(len(ends))
         around, total = _around(centres, reach, usable), float(mass.sum())
         states /= states.sum(axis=0)
         number = np.empty(usable, np.int64)  # of a place in `around`
@@ -200,14 +230,16 @@ class Belief:
             near = np.rint(centre) + np.arange(-reach, reach + 1)
             weights = np.exp(-0.5 * ((near - centre) / sigma) ** 2)
             weights *= (mass[velocities, columns] / weights.sum(axis=1))[:, None]
-            kept = (near >= firsts[columns, None]) & (near < stops[columns, None])
+            is_beyond = near >= stops[columns, None]
+            np.add.at(left, number_of_end[columns], (weights * is_beyond).sum(axis=1))
+            kept = (near >= firsts[columns, None]) & ~is_beyond
             kept &= weights > BUDGET.least
             where, weights = number[near[kept].astype(np.int64)], weights[kept]
             rows, sources = (np.repeat(one, kept.sum(axis=1)) for one in (velocities, columns))
             np.add.at(same.ravel(), rows * len(around) + where, weights)
             for row, state in zip(arrived, states, strict=True):
                 np.add.at(row, where, state[sources] * weights)
-        return around, same, arrived, total
+        return around, same, arrived, total, dict(zip(ends.tolist(), left.tolist(), strict=True))
 
     def _with_looks(self, usable: int) -> tuple[Indices, Doubles, Doubles]:
         """

@@ -52,13 +52,14 @@ class BeliefDecider(Decider):
         keypoints = config.keyframes.keypoints
         self._light = Light(reference_map, bool(keypoints))
         self._lead = ExpectedLead(self._light.differences)
-        self._belief = Belief(reference_map, MotionModel(reference_map, both, error), self._lead)
         self._jumps = OdometryJumps()
         self._prior = OdometryPrior(reference_map, robot, config.online.grows)
         witness = KeypointWitness(reference_map, keypoints)
         self._comparer = Comparer(coarse, matcher, self._near, matching.shortlist_length)
         self._matcher, self._witness = matcher, witness
         self._covisibility = Covisibility(reference_map, matcher, witness)
+        way, onward = MotionModel(reference_map, both, error), self._covisibility.shown_again
+        self._belief = Belief(reference_map, way, self._lead, onward)
         self._observer = Observer(matcher, self._near, witness, self._covisibility)
 
     @property

@@ -153,6 +153,30 @@ def test_mass_that_runs_off_a_session_may_be_anywhere_in_the_map(a_map):
     assert belief.mass.sum() == pytest.approx(0.5, abs=0.01)
 
 
+def test_what_runs_off_the_end_of_an_earlier_drive_goes_on_where_its_last_scene_is_seen(a_map):
+    asked = []
+
+    def onward(last, earlier):
+        asked.append((last, earlier))
+        return np.array([2, 5]), np.array([0.6, 0.2])
+
+    belief = sure_of(Belief(a_map(20), Driven(), in_the_dark(), onward), 19)
+    belief.predict(20, 20)
+    found, elsewhere = masses(belief, 20)
+    # No more than the largest share goes on, by the shares.
+    assert found[[2, 5]] == pytest.approx([0.45, 0.15], rel=0.01)
+    assert elsewhere == pytest.approx(0.4, rel=0.01) and asked == [(19, 20)]
+    assert found.sum() + elsewhere == pytest.approx(1)
+    # The rest is lost, and may be anywhere.
+    assert updated(belief, np.zeros(20), earlier=20).mass.sum() == pytest.approx(0.6, abs=0.02)
+    # A drive that goes on has no end; what is nearly nothing is not asked about.
+    running = sure_of(Belief(a_map(20), Driven(), in_the_dark(), onward), 19)
+    running.predict(20, 10)
+    assert running.elsewhere > 0.99
+    sure_of(Belief(a_map(20), Driven(), in_the_dark(), onward), 3).predict(20, 20)
+    assert asked == [(19, 20)]
+
+
 def test_a_small_share_of_the_mass_changes_its_velocity(a_map):
     belief = Belief(a_map(20), Driven(1.0, 3.0), in_the_dark())
     sure_of(belief, 2)

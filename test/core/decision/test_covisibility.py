@@ -137,6 +137,28 @@ def test_a_drive_in_the_dark_matches_nothing(levels):
     assert not any(recognizer.process(frame).accepted for frame in shown(dark))
 
 
+def test_the_scene_of_a_laps_end_is_shown_again_at_its_beginning():
+    lap = panned(1, 0, 40, 30) + panned(1, 0, 40, 2)
+    places, shares = covisibility_of(lap).shown_again(31, 32)
+    assert {0, 1, 2} <= {*places.tolist()} <= {*range(8)} and shares[places == 1] > 0.9
+    assert [*places] == sorted(places) and shares.min() > 0
+    # Without keypoints none does.
+    without = with_values(CONFIG, {'keypoints': 0})
+    places, shares = covisibility_of(lap, without).shown_again(31, 32)
+    assert len(places) == len(shares) == 0
+
+
+def test_a_robot_that_passes_the_seam_of_a_lap_is_expected_at_its_beginning():
+    ring = np.hstack([panorama(1), panorama(1)[:, :WIDE]])
+    views = [ring[:, start : start + WIDE] for start in range(0, 2000, 40)]
+    recognizer = PlaceRecognizer(build_map(shown(views), None, CONFIG), CONFIG)
+    for frame in noisy(views[40:]):
+        assert recognizer.process(frame).accepted
+    belief = recognizer.decider._belief
+    belief.predict(len(views), len(views))
+    assert belief.mass[belief.places < 4].sum() > 0.3
+
+
 def test_a_view_that_pans_slowly_is_in_view_all_along(pans):
     slow = covisibility_of(panned(1, 0, 4, 40))
     assert slow.is_in_view(0)
