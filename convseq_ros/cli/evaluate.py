@@ -44,8 +44,6 @@ def describe(parser: argparse.ArgumentParser) -> None:
         help=f'run folder to write, with its page {REPORT} (results)')
     parser.add_argument('--data-root', type=Path, default=Path(), help='where the folders of '
         'ready-made sets are (the present folder)')
-    parser.add_argument('--cache', type=Path, metavar='FOLDER', help='keep descriptors in this '
-        'folder of your own, and take those of the same images, settings and commit from it')
     # fmt: on
     parser.add_argument('--json', action='store_true', help='print the summaries as JSON')
     add_config(parser)
@@ -68,7 +66,6 @@ def run(chosen: argparse.Namespace) -> int:
         protocols=tuple(dict.fromkeys(protocols)),
         keep=chosen.keep,
         criterion=chosen.criterion,
-        cache=chosen.cache,
         sweep=Sweep.parse(chosen.sweep) if chosen.sweep else None,
         argv=tuple(sys.argv),
     )

@@ -48,7 +48,6 @@ class Plan:
     protocols: tuple[str, ...] = (CLOSED,)
     keep: float | None = None  # `open` keeps this share of the map, from its start
     criterion: str = 'score'  # threshold of the curves: score, margin or confidence
-    cache: Path | None = None  # folder in which descriptors are kept between runs
     sweep: Sweep | None = None  # run every method with each of these values
     argv: tuple[str, ...] = ()  # the command, for the record
 
@@ -136,7 +135,7 @@ def _measure_set(
     texts = plan.sweep.methods(plan.methods) if plan.sweep else plan.methods
     methods = [make_method(name, config) for name in method_names(texts, data_set)]
     report(f'{data_set.name}: reading images')
-    material = open_material(data_set, config.encoding, config.reading, plan.cache)
+    material = open_material(data_set, config.encoding, config.reading)
     for line in dict.fromkeys([*material.query.warnings, *material.reference.warnings]):
         warn(line)
     if material.unmissable:

@@ -18,7 +18,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.images import Images
-from convseq_ros.models.onnx_model import OnnxModel, open_model
+from convseq_ros.models.onnx_model import open_model
 import numpy as np
 import numpy.typing as npt
 
@@ -65,16 +65,9 @@ class DescribedDrive:
 def describe_drive(images: Images, encoding: EncodingConfig) -> DescribedDrive:
     """Return the described drive; uses the descriptor model of the encoding, if there is one."""
     model = open_model(Config(encoding=encoding, reading=images.reading))
-    if model:
-        encoding = replace(encoding, descriptor_model=identity_of(model))
-    return images.once(('drive', encoding), lambda: _described(images, encoding, model))
-
-
-def _described(
-    images: Images, encoding: EncodingConfig, model: OnnxModel | None
-) -> DescribedDrive:
     blank = blank_descriptor(encoding)
     if model:
+        encoding = replace(encoding, descriptor_model=identity_of(model))
         blank = replace(blank, vector=np.zeros(model.numbers, np.float16))
     first_stage = FirstStage(model, encoding)
     kept = KeyframeConfig()

@@ -2,26 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The images of a drive, and what a function makes of each."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 import hashlib
 import json
 from pathlib import Path
 import time
-from typing import Any, TypeVar
+from typing import Any
 
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Frame
-from convseq_ros.errors import load, SourceError
+from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.data_set import Part
-from convseq_ros.evaluation.provenance import provenance
 from convseq_ros.sources import open_source
 from convseq_ros.sources.folder import pictures_in
 import numpy as np
 import numpy.typing as npt
-
-Made = TypeVar('Made')
 
 
 @dataclass(frozen=True)
@@ -30,7 +27,6 @@ class Images:
 
     part: Part  # location
     reading: ReadingConfig = ReadingConfig()  # size limits
-    cache: Path | None = None  # folder in which descriptors are kept between runs
     warnings: list[str] = field(default_factory=list, compare=False)  # of the last reading
 
     @cached_property
@@ -53,25 +49,6 @@ class Images:
         yield from self._in_direction(source)
         self.warnings[:] = source.warnings
 
-    def once(self, what: Sequence[object], make: Callable[[], Made]) -> Made:
-        """
-        Return what is made of the images: what the cache has of the same ones, if it has it.
-
-        `what` says all else that it depends on, but for programs and processor. A changed source
-        tree keeps nothing, as nobody knows what it computes.
-        """
-        made_by = provenance()
-        changed = str(made_by['commit']).endswith('-dirty')
-        if self.cache is None or changed:
-            return make()
-        told = made_by['versions'], made_by['machine']['cpu'], made_by['commit']
-        part = self.sha256, self.part.topic, self.part.backwards, asdict(self.reading)
-        memory = load('joblib', 'evaluation').Memory(self.cache, verbose=0)
-        kept = memory.cache(_made, ignore=['images', 'make'])
-        made: Made
-        made, self.warnings[:] = kept((*what, *part, *told), self, make)
-        return made
-
     def _in_direction(self, source: Iterable[Frame]) -> Iterator[Frame]:
         if not self.part.backwards:
             yield from source
@@ -82,13 +59,6 @@ class Images:
             step_ns = frames[1].stamp_ns - first_ns
         for index, frame in enumerate(reversed(frames)):
             yield replace(frame, stamp_ns=first_ns + index * step_ns)
-
-
-def _made(
-    _key: tuple[object, ...], images: Images, make: Callable[[], Made]
-) -> tuple[Made, list[str]]:
-    """Return what is made, and the warnings."""
-    return make(), [*images.warnings]
 
 
 def described(

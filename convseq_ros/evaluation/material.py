@@ -4,7 +4,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TypeVar
 
 from convseq_ros.config import EncodingConfig
@@ -66,14 +65,11 @@ class Material:
 
 
 def open_material(
-    data_set: DataSet,
-    encoding: EncodingConfig,
-    reading: ReadingConfig = ReadingConfig(),
-    cache: Path | None = None,
+    data_set: DataSet, encoding: EncodingConfig, reading: ReadingConfig = ReadingConfig()
 ) -> Material:
     """Return a set with images and truth read; SourceError if they do not fit together."""
     parts = data_set.query, data_set.reference or data_set.query
-    images = [_images(part, data_set, reading, cache) for part in parts]
+    images = [_images(part, data_set, reading) for part in parts]
     no_truth = Truth(np.zeros((0, 0), np.bool_))
     material = Material(data_set, images[0], images[1], no_truth)
     drives = material.drives(encoding)
@@ -94,13 +90,13 @@ def open_material(
     return replace(material, truth=truth, _drives={encoding: drives})
 
 
-def _images(part: Part, data_set: DataSet, reading: ReadingConfig, cache: Path | None) -> Images:
+def _images(part: Part, data_set: DataSet, reading: ReadingConfig) -> Images:
     if not part.path.exists():
         raise SourceError(
             f'{data_set.name}: {part.path} is missing; '
             f'{data_set.where or "correct the path in its file"}'
         )
-    return Images(part, reading, cache)
+    return Images(part, reading)
 
 
 def _truth(

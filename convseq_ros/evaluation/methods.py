@@ -211,7 +211,7 @@ def _core(material: Material, name: MethodName, config: Config) -> PairScores:
 
 
 def _seqslam(material: Material, _name: MethodName, _config: Config) -> PairScores:
-    query, reference, encode_ms = _descriptors(material, seqslam.patch_normalized, 'seqslam')
+    query, reference, encode_ms = _descriptors(material, seqslam.patch_normalized)
     started = time.perf_counter()
     scores = seqslam.enhanced(seqslam.differences(query, reference))
     row_ms = (time.perf_counter() - started) * 1e3 / len(query)
@@ -220,13 +220,13 @@ def _seqslam(material: Material, _name: MethodName, _config: Config) -> PairScor
 
 
 def _hog(material: Material, _name: MethodName, _config: Config) -> PairScores:
-    return _by_cosine(*_descriptors(material, whole_image_hog, 'hog'))
+    return _by_cosine(*_descriptors(material, whole_image_hog))
 
 
 def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
     how = {key: value for key, value in name.options.items() if key != 'file'}
     model = OnnxModel(Path(name.options['file']), config.reading, how)
-    return _by_cosine(*_descriptors(material, model, f'{model.identity} {how}'))
+    return _by_cosine(*_descriptors(material, model))
 
 
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
@@ -266,22 +266,16 @@ def _given_descriptors(material: Material, name: MethodName, config: Config) -> 
 
 
 def _descriptors(
-    material: Material, describe: Callable[[Gray], Vectors], what: str
+    material: Material, describe: Callable[[Gray], Vectors]
 ) -> tuple[Vectors, Vectors, float]:
-    """
-    Return query and reference descriptors, and the median time per query in ms.
-
-    `what` says all that the function depends on.
-    """
+    """Return query and reference descriptors, and the median time per query in ms."""
 
     def of(images: Images) -> tuple[Vectors, float]:
         rows, median_ms = described(images, describe)
         zeros = np.zeros_like(next(row for row in rows if row is not None))
         return np.stack([zeros if row is None else row for row in rows]), median_ms
 
-    (query, encode_ms), (reference, _) = material.each(
-        lambda images: images.once((what,), lambda: of(images))
-    )
+    (query, encode_ms), (reference, _) = material.each(of)
     return query, reference, encode_ms
 
 

@@ -27,7 +27,6 @@ import numpy as np
 import numpy.typing as npt
 
 Vector = npt.NDArray[np.float32]
-Keypoints = tuple[list[LocalFeatures], float]  # of each frame, and the median time in ms
 OPTIONS = 'alpha', 'vocabulary', 'rows'
 TREE_OPTIONS = 'levels', 'direct'  # of `orb-bow`
 _CANDIDATES = 5  # best images of a tree that geometry verifies
@@ -82,7 +81,7 @@ def peer_scores(
     """
     peer = _PEERS[kind]
     extract = partial(peer.extract, rows=image_rows)
-    (query, extract_ms), (reference, _) = _keypoints(material, extract)
+    (query, extract_ms), (reference, _) = material.each(partial(_extracted, extract=extract))
     training = reference
     if vocabulary:
         each = (_in_folder(one, peer, image_rows, reading) for one in vocabulary.split(','))
@@ -128,7 +127,7 @@ def tree_scores(material: Material, image_rows: int = ROWS) -> PairScores:
     `peer_scores`.
     """
     extract = partial(local_features.orb, rows=image_rows)
-    (query, encode_ms), (reference, _) = _keypoints(material, extract)
+    (query, encode_ms), (reference, _) = material.each(partial(_extracted, extract=extract))
     tree = HammingTree()
     if not material.data_set.online:
         for keypoints in reference:
@@ -187,14 +186,6 @@ def matches_of(
     return matches
 
 
-def _keypoints(
-    material: Material, extract: 'partial[LocalFeatures]'
-) -> tuple[Keypoints, Keypoints]:
-    """Return the keypoints of query and reference."""
-    what = extract.func.__name__, extract.keywords
-    return material.each(lambda images: images.once(what, lambda: _extracted(images, extract)))
-
-
 @lru_cache(maxsize=32)
 def _in_folder(folder: str, peer: _Peer, rows: int, reading: ReadingConfig) -> list[LocalFeatures]:
     """Return the keypoints of a folder's images; they are cached, as many data sets share them."""
@@ -204,7 +195,7 @@ def _in_folder(folder: str, peer: _Peer, rows: int, reading: ReadingConfig) -> l
 
 def _extracted(
     frames: Iterable[Frame], extract: Callable[[npt.NDArray[np.uint8]], LocalFeatures]
-) -> Keypoints:
+) -> tuple[list[LocalFeatures], float]:
     """Return the keypoints per frame, empty if unreadable, and the median time in ms."""
     keypoints, median_ms = described(frames, extract)
     empty = extract(np.zeros((1, 1), np.uint8))

@@ -9,13 +9,12 @@ import sys
 from convseq_ros.app.result_row import COLUMNS
 from convseq_ros.config import Config
 from convseq_ros.errors import ConfigError, ConvseqError
-from convseq_ros.evaluation import bench, images, methods
+from convseq_ros.evaluation import bench, methods
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.methods import KINDS, make_method, parse_method
 from convseq_ros.evaluation.query_answers import overridden
 from convseq_ros.evaluation.run_folder import EXTRA_COLUMNS
-from convseq_ros.sources import open_source
 import cv2
 import numpy as np
 import pytest
@@ -331,32 +330,6 @@ SINGLE = {
     'alexnet': 0.685, 'amosnet': 0.847, 'ap-gem': 0.532, 'calc': 0.324, 'cohog': 0.622,
     'densevlad': 0.703, 'hog': 0.477, 'hybridnet': 0.901, 'netvlad': 0.676, 'regionvlad': 0.432,
 }  # fmt: skip
-
-
-def test_descriptors_of_the_same_images_are_kept_between_runs(
-    street, quick, tmp_path, monkeypatch
-):
-    plan = Plan(methods=('hog', 'orb-bow'), cache=tmp_path / 'cache')
-
-    def measured(commit, may_read):
-        made_by = {'versions': {}, 'machine': {'cpu': ''}, 'commit': commit}
-        monkeypatch.setattr(images, 'provenance', lambda: made_by)
-        reads = open_source if may_read else lambda *_: pytest.fail('it reads images')
-        monkeypatch.setattr(images, 'open_source', reads)
-        data_set, warned = open_data_set(str(street.file)), []
-        found = evaluate([data_set], quick, plan, tmp_path / 'run', warn=warned.append)
-        keys = 'correct', 'recall_at_5', 'auc_pr'
-        return warned, found[0]['encode_ms'], [[one[key] for key in keys] for one in found]
-
-    (street.folder / 'query' / '005.png').write_bytes(b'cut short')
-    first = measured('abc', True)
-    assert measured('abc', False) == first and 'cannot be read' in first[0][0]
-    for commit in ('def', 'abc-dirty'):  # another, and one of which nobody knows what it computes
-        with pytest.raises(pytest.fail.Exception):
-            measured(commit, False)
-    (street.folder / 'query' / '006.png').write_bytes(b'other')
-    with pytest.raises(pytest.fail.Exception):
-        measured('abc', False)
 
 
 def test_accuracy_on_corridor_is_as_published(shared_data, tmp_path):
