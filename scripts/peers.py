@@ -31,7 +31,7 @@ from typing import Any
 
 from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.config import Config, make_config
-from convseq_ros.core.similarity import background
+from convseq_ros.core.similarity.feature_cache import BACKGROUND
 from convseq_ros.core.types import Frame
 from convseq_ros.evaluation.data_set import DataSet, open_data_set, Part, TruthSource
 from convseq_ros.evaluation.given_scores import PairScores
@@ -111,7 +111,7 @@ STEPS = {
     '+ keypoints': 'convseq COVISIBLE.by_chance=1e9',
     '+ covisibility': 'convseq',
 }
-RECORDS['BACKGROUND'] = background.BACKGROUND  # none of the decision: fit_decision keeps pairs
+RECORDS['BACKGROUND'] = BACKGROUND  # none of the decision: fit_decision keeps pairs
 ALPHAS = 0.3, 0.1, 0.2, 0.5  # DLoopDetector's own first
 CONSISTENT = 3, 1  # its own number of frames that agree, and that of its demo
 Flags = npt.NDArray[np.bool_]

@@ -3,6 +3,7 @@
 """The decision by the belief: a place is a match if it holds nearly all of the mass."""
 
 from dataclasses import replace
+from functools import partial
 import math
 
 from convseq_ros.config import Config
@@ -17,6 +18,7 @@ from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import Observation, Observer
 from convseq_ros.core.decision.odometry import OdometryJumps, OdometryPrior
 from convseq_ros.core.geometry.verification import NOTHING
+from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
@@ -58,7 +60,9 @@ class BeliefDecider(Decider):
         self._comparer = Comparer(coarse, matcher, self._near, matching.shortlist_length)
         self._matcher, self._witness = matcher, witness
         self._covisibility = Covisibility(reference_map, matcher, witness)
-        way, onward = MotionModel(reference_map, both, error), self._covisibility.shown_again
+        # Not a method: without a reference cycle, an unused map is freed at once.
+        onward = partial(_onward, reference_map, coarse, self._covisibility)
+        way = MotionModel(reference_map, both, error)
         self._belief = Belief(reference_map, way, self._lead, onward)
         self._observer = Observer(matcher, self._near, witness, self._covisibility)
 
@@ -243,6 +247,25 @@ class BeliefDecider(Decider):
         ]
         scores = [score for score in pairs if score >= 0]  # not NaN
         return sum(scores) / len(scores) if scores else 0.0
+
+
+def _onward(
+    reference_map: ReferenceMap,
+    coarse: AllPlaces,
+    covisibility: Covisibility,
+    last: int,
+    earlier: int,
+) -> tuple[Indices, Doubles]:
+    """
+    Return which of the first `earlier` places show the scene of the last one of a drive.
+
+    They are among the likeliest by the coarse scores of the frame before, beyond those beside.
+    """
+    beside = reference_map.bounds.around(last, LINKS.neighbour_radius)
+    listed = np.sort(coarse.best(0, BUDGET.scored, [beside]))
+    listed = listed[listed < earlier]
+    is_list = len(listed) <= BUDGET.scored  # not all places
+    return covisibility.shown(last, listed[: is_list * len(listed)])
 
 
 def _used(pose: Pose | None, config: Config) -> Pose | None:

@@ -12,7 +12,6 @@ Sources: Mur-Artal et al. 2015 (ORB-SLAM: keyframes that share points are covisi
 
 from functools import lru_cache, partial
 
-from convseq_ros.core.decision.budget import BUDGET
 from convseq_ros.core.encoding.keypoints import (
     agreeing_blocks,
     agreeing_by_chance,
@@ -21,11 +20,8 @@ from convseq_ros.core.encoding.keypoints import (
     matched,
 )
 from convseq_ros.core.geometry.verification import motion
-from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.graph.neighbourhood import SAME_PLACE
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.retrieval.coarse_scores import top
-from convseq_ros.core.retrieval.whitening import products
 from convseq_ros.core.similarity.scorer import Scorer
 from convseq_ros.core.types import constants, Descriptor, Doubles, Frame, Indices
 import numpy as np
@@ -83,7 +79,7 @@ class Covisibility:
     def __init__(
         self, reference_map: ReferenceMap, matcher: Scorer, witness: KeypointWitness
     ) -> None:
-        self._map, self._witness = reference_map, witness
+        self._map = reference_map
         # Not a bound method: without a reference cycle, an unused map is freed at once.
         self._blocks = lru_cache(_KEPT)(partial(_blocks, matcher, witness))
 
@@ -99,19 +95,10 @@ class Covisibility:
         """Return the shares (n,) of the scene of a place that others (n,) show."""
         return np.array([self.share(place, other) for other in others.tolist()])
 
-    def shown_again(self, place: int, earlier: int) -> tuple[Indices, Doubles]:
-        """
-        Return which of the first `earlier` places show the scene of one, (n,), and its shares.
-
-        They are among the likeliest by global descriptors, beyond those beside the place.
-        """
-        descriptors, beside = self._map.global_descriptors[:earlier], LINKS.neighbour_radius
-        if not self._witness.knows(place) or len(descriptors) < earlier:
-            return np.zeros(0, np.int64), np.zeros(0)
-        scores = products(descriptors, self._map.global_descriptors[place].astype(np.float32))
-        places = np.sort(top(scores, BUDGET.scored, [self._map.bounds.around(place, beside)]))
-        shares = self.shares(place, places)
-        return places[shares > 0], shares[shares > 0]
+    def shown(self, place: int, among: Indices) -> tuple[Indices, Doubles]:
+        """Return which of places (m,) show some of the scene of one, (n,), and its shares."""
+        shares = self.shares(place, among)
+        return among[shares > 0], shares[shares > 0]
 
     def is_in_view(self, place: int) -> bool:
         """
