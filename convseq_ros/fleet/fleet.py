@@ -34,12 +34,15 @@ class FleetScores(CoarseScores):
 
     def __init__(self, fleet: 'Fleet', both: bool) -> None:
         super().__init__(fleet.reference_map, both, fleet.statistics)
-        self._ask = fleet.row
+        self._ask, self._ask_likeness = fleet.row, fleet.likeness
 
     def update(self, descriptor: Descriptor, _usable: int | None = None) -> None:
         """Take in a query; every place is usable, as fleets do not grow."""
         self.row = self._ask(self._drive.update(descriptor, self._statistics))
         self._track.update(self.row, self._map.bounds.starts)
+
+    def _likeness(self, place: int) -> Row:
+        return self._ask_likeness(place)
 
 
 class Fleet:
@@ -123,6 +126,15 @@ class Fleet:
     def row(self, direction: Floats) -> Row:
         """Return the coarse scores of all places."""
         asked = [(at, shard.rows, (run, direction, self.statistics)) for at, run in self._held]
+        return np.concatenate([row for rows in self._ask(asked) for row in rows])
+
+    def likeness(self, place: int) -> Row:
+        """Return the products of the descriptors of all places with that of one."""
+        at = bisect_right(self.starts, place) - 1
+        version, where = self._maps[at]
+        local = place - self.starts[at]
+        (direction,) = self._ask([(where, shard.descriptor, (version, local))])
+        asked = [(where, shard.likeness, (run, direction)) for where, run in self._held]
         return np.concatenate([row for rows in self._ask(asked) for row in rows])
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:

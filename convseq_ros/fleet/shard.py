@@ -12,9 +12,10 @@ from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.retrieval.whitening import Statistics, sums_of, WhitenedReferences
+from convseq_ros.core.retrieval.whitening import products, Statistics, sums_of, WhitenedReferences
 from convseq_ros.core.types import Doubles, Floats, Row
 from convseq_ros.errors import MapError
+import numpy as np
 
 Version = tuple[str, int]  # of a map: its path, and the time at which its file changed, ns
 
@@ -75,6 +76,16 @@ def rows(versions: Sequence[Version], direction: Floats, statistics: Statistics)
         shard.whitened = shard.whitened or WhitenedReferences(statistics, references, starts)
         found.append(shard.whitened.row(references, starts, direction))
     return found
+
+
+def descriptor(version: Version, index: int) -> Floats:
+    """Return the global descriptor (n,) of a map's place."""
+    return _held(version).map.global_descriptors[index].astype(np.float32)
+
+
+def likeness(versions: Sequence[Version], direction: Floats) -> list[Row]:
+    """Return the products of the descriptors of each map's places with a direction."""
+    return [products(one.map.global_descriptors, direction) for one in map(_held, versions)]
 
 
 def pictures(version: Version, indices: Sequence[int], with_images: bool) -> list[Picture]:

@@ -3,7 +3,7 @@
 """The decision by the belief: a place is a match if it holds nearly all of the mass."""
 
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 import math
 
 from convseq_ros.config import Config
@@ -36,6 +36,8 @@ from convseq_ros.core.types import (
 )
 import numpy as np
 
+_KEPT_ENDS = 64  # ends of drives of which is cached where their scene is seen again
+
 
 class BeliefDecider(Decider):
     """
@@ -61,7 +63,8 @@ class BeliefDecider(Decider):
         self._matcher, self._witness = matcher, witness
         self._covisibility = Covisibility(reference_map, matcher, witness)
         # Not a method: without a reference cycle, an unused map is freed at once.
-        onward = partial(_onward, reference_map, coarse, self._covisibility)
+        known = partial(_onward, reference_map, coarse, self._covisibility)
+        onward = lru_cache(_KEPT_ENDS)(known)
         way = MotionModel(reference_map, both, error)
         self._belief = Belief(reference_map, way, self._lead, onward)
         self._observer = Observer(matcher, self._near, witness, self._covisibility)
@@ -259,13 +262,10 @@ def _onward(
     """
     Return which of the first `earlier` places show the scene of the last one of a drive.
 
-    They are among the likeliest by the coarse scores of the frame before, beyond those beside.
+    They are among those that are most like it, beyond those beside it.
     """
-    beside = reference_map.bounds.around(last, LINKS.neighbour_radius)
-    listed = np.sort(coarse.best(0, BUDGET.scored, [beside]))
-    listed = listed[listed < earlier]
-    is_list = len(listed) <= BUDGET.scored  # not all places
-    return covisibility.shown(last, listed[: is_list * len(listed)])
+    beside = [reference_map.bounds.around(last, LINKS.neighbour_radius)]
+    return covisibility.shown(last, coarse.like(last, earlier, BUDGET.scored, beside))
 
 
 def _used(pose: Pose | None, config: Config) -> Pose | None:

@@ -12,6 +12,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.whitening import (
     COARSE,
     DriveMean,
+    products,
     Statistics,
     statistics_of,
     sums_of,
@@ -96,6 +97,10 @@ class AllPlaces:
         """
         return np.arange(self._usable)
 
+    def like(self, _place: int, _earlier: int, _count: int, _excluded: Sequence[range]) -> Indices:
+        """Return no places: without descriptors, none is known to be like another."""
+        return np.zeros(0, np.int64)
+
 
 class CoarseScores(AllPlaces):
     """
@@ -141,6 +146,15 @@ class CoarseScores(AllPlaces):
         """Return the likeliest places, ascending: see `AllPlaces.best`."""
         track, frame = top(self._track.sums, by_track, excluded), top(self.row, by_frame, excluded)
         return np.union1d(track, frame)
+
+    def like(self, place: int, earlier: int, count: int, excluded: Sequence[range]) -> Indices:
+        """Return which of the first `earlier` places are most like one, ascending."""
+        return np.sort(top(self._likeness(place)[:earlier], count, excluded))
+
+    def _likeness(self, place: int) -> Row:
+        """Return the products of the descriptors of all places with that of one."""
+        described = self._map.global_descriptors
+        return products(described, described[place].astype(np.float32))
 
     def _follow_map(self, references: Halves, starts: Indices) -> None:
         if len(references) > COARSE.averaged_anew * self._counted:
