@@ -6,9 +6,10 @@ Damage in the log of a map that a crash left: what was safe is there, or the map
 One try for each kind of byte; bench/torture flips any of them.
 """
 
+from io import BytesIO
 import time
 
-from convseq_ros.core.map.crash_recovery import _checksum
+from convseq_ros.core.map.crash_recovery import _checksum, _damaged_at
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
@@ -77,6 +78,11 @@ def test_damage_that_commits_follow_is_reported(path, commits, change):
         with pytest.raises(MapError, match=r'map\.db-wal: damaged at byte \d+; .* opens without'):
             use(path)
     assert log_of(path).read_bytes() == data
+
+
+@pytest.mark.parametrize('size', [0, 31])
+def test_a_log_that_is_emptied_while_it_is_opened_is_not_damaged(size):
+    assert _damaged_at(BytesIO(bytes(size))) == -1
 
 
 def test_a_log_of_a_terabyte_takes_neither_memory_nor_time(path):

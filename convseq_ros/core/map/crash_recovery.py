@@ -159,6 +159,8 @@ def _refuse_damaged(path: Path) -> None:
 def _damaged_at(log: BinaryIO) -> int:
     """Return the byte where damage begins; -1 if no commit is damaged."""
     head = log.read(_HEAD.size)
+    if len(head) < _HEAD.size:
+        return -1  # since its size was asked, a program has emptied it: the map has all of it
     magic, _, page_bytes, _, *salts, first, second = _HEAD.unpack(head)
     sums, order = np.array((first, second), np.uint32), '<>'[magic & 1]
     is_head = magic & ~1 == _MAGIC and page_bytes in _PAGE_BYTES
