@@ -5,22 +5,19 @@ Lay out the drives of docs/howto/real_drives.md, from clones of their repositori
 
 Usage: python scripts/lay_out.py CLONES FOLDER, two minutes and 0.65 GB. CLONES has what `git
 clone` makes of each repository that the page names. It writes FOLDER/SET/DRIVE/NUMBER.jpg, or
-bmp, where NUMBER is that of the source with six digits, and truth beside it where the benchmark
-looks for it. Drives whose clone is missing are left out.
+bmp, where NUMBER is that of the source with six digits. Drives whose clone is missing are left
+out.
 """
 
 import argparse
 from pathlib import Path
 import re
-import shutil
 import subprocess
 import tarfile
 
 from drives import progress
-from real_drives import TRUTH
 
 EVERY = range(10**9)
-TUBS, LAPS = 'mycar/tubs', range(400, 4400, 4)
 DRIVES = {  # repository, commit and folder, and the pictures that are taken, by their numbers
     'court/0513_1442': ('ECE_148_Final', '5ca2cf1a', 'd4/data/images', range(3531, 6355, 2)),
     'court/0513_1732': ('ECE_148_Final', '5ca2cf1a', 'd4/data/images', range(6367, 9836, 2)),
@@ -40,16 +37,10 @@ DRIVES = {  # repository, commit and folder, and the pictures that are taken, by
     'park/1': ('GRIEF', '7b42be04', 'testing_data/season_01', EVERY),
     'room/walk': ('GaussianSplattingExample', 'ec6340f7', 'data/input', EVERY),
     'straight/drive': ('Car', '625945e3', 'images', range(0, 12200, 10)),
-    # The sets of the benchmark, but for Gardens Point.
+    # Of the benchmark's own sets, the one whose truth is the frame's number.
     'corridor/query': ('VPR-Bench', '1f78cf83', 'datasets/corridor/query', EVERY),
     'corridor/ref': ('VPR-Bench', '1f78cf83', 'datasets/corridor/ref', EVERY),
-    'laps/drive': ('donkeycar', 'ff5a5fab', f'{TUBS}/track_1/training_1/data/images', LAPS),
-    'laps/other': (
-        'donkeycar', 'ff5a5fab', f'{TUBS}/track_2/training_2/data/images', range(0, 2400, 4),
-    ),
-    'rtabmap84': ('rtabmap', '5fad2d29', 'data/samples', EVERY),
 }  # fmt: skip
-TABLES = {'laps': 'ground_truth.csv', 'rtabmap84': 'loops_gt.csv'}  # of sets that have their own
 PICTURE = re.compile(r'(\d+)(?:_cam.image_array_)?\.(jpg|bmp)$')
 
 
@@ -82,9 +73,6 @@ def main() -> None:
             continue
         count = lay_out(clone, commit, folder, numbers, chosen.folder / drive)
         progress(f'{drive}: {count} pictures')
-        name = drive.partition('/')[0]
-        if name in TABLES:
-            shutil.copyfile(TRUTH / f'{name}.csv', chosen.folder / name / TABLES[name])
 
 
 if __name__ == '__main__':
