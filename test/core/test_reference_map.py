@@ -10,7 +10,7 @@ from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map import arrays
 from convseq_ros.core.map.arrays import GrowingArray, Places
-from convseq_ros.core.map.image_coding import decode_jpeg, encode_image, thumbnail
+from convseq_ros.core.map.image_coding import decode_image, decode_jpeg, encode_image, thumbnail
 from convseq_ros.core.map.online import FollowedMap, OnlineMap
 from convseq_ros.core.map.place import pack_cells, Picture, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -226,3 +226,12 @@ def test_an_image_is_kept_in_memory_before_it_is_in_a_file():
     assert whole.image(0, 1.0) is None
     whole.add(Place(1), packed, image=encode_image(GRAY, 64))
     assert whole.image(1, 1.0).shape == GRAY.shape and whole.image(0, 1.0) is None
+
+
+@pytest.mark.parametrize(
+    ('shape', 'kept'),
+    [((30, 40), (15, 20)), ((40, 10), (20, 5)), ((20, 8), (20, 8)), ((1, 90), (1, 20))],
+)
+def test_the_longer_side_of_a_kept_image_is_reduced_and_none_is_enlarged(shape, kept):
+    jpeg = encode_image(np.zeros(shape, np.uint8), 20)
+    assert decode_image(jpeg, 1.0).shape == kept

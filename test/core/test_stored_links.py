@@ -16,6 +16,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, slices_of, without
 from convseq_ros.core.map.writer import save_map
+from convseq_ros.errors import MapError
 import numpy as np
 import pytest
 
@@ -165,6 +166,18 @@ def test_editing_keeps_links_among_the_places_that_stay(path, tmp_path):
     assert [*left.links] == [(25, 5), (30, 10)] and left.is_linked
     left = joined(without(parts, [25]))
     assert [*left.links] == [(25, 6), (44, 5), (49, 29)] and left.is_linked
+
+
+def test_what_a_person_unlinked_stays_so_in_an_edited_map_and_in_no_map_that_exists(path):
+    whole = made(20, (15, 3), (16, 4))
+    whole.links.add_unlinked(17)
+    save_map(whole, path)
+    left = joined(without(slices_of(path), [2]))
+    assert [at for at in range(19) if left.links.is_unlinked(at)] == [16]
+    before = path.read_bytes()
+    with pytest.raises(MapError, match='exists'):
+        save_map(left, path, is_new=True)
+    assert path.read_bytes() == before
 
 
 def test_places_merged_from_another_map_still_need_link_search(tmp_path):
