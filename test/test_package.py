@@ -42,10 +42,13 @@ class Absent:
 assert not absent & sys.modules.keys()
 sys.meta_path.insert(0, Absent())
 import convseq_ros
+from convseq_ros.core.compiled import available
 
 for module in pkgutil.walk_packages(convseq_ros.__path__, 'convseq_ros.'):
     if module.name.endswith('._native'):
         continue  # a library for ctypes, not a module
+    if module.name.endswith('.kernels.coherent') and not available():
+        continue  # is imported only where a kernel is
     if module.name.split('.')[1] != 'node' and not module.name.endswith('__main__'):
         importlib.import_module(module.name)
         print(module.name)
