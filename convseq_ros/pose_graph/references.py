@@ -14,6 +14,8 @@ import numpy as np
 Place = tuple[int, Matrix]  # a keyframe's node, over all drives from 1 on, and the pose since it
 MAP = 0  # node at the origin of the map, from which absolute poses are measured
 
+_MOST_WAITING = 1000  # absolute poses that wait for their closure
+
 
 class References:
     """Finds the references of closures, and keeps poses for those that are in no drive."""
@@ -24,7 +26,7 @@ class References:
     def add_pose(self, query_ns: int, pose: Matrix, covariance: Matrix) -> None:
         """Add a pose in the frame of the map, for a closure whose place is not in the graph."""
         self._absolute[query_ns] = pose, covariance
-        if len(self._absolute) > 1000:  # they wait for their closure
+        if len(self._absolute) > _MOST_WAITING:
             del self._absolute[next(iter(self._absolute))]
 
     def of(self, closure: Closure, drives: Sequence[Odometry]) -> tuple[Closure, Place | None]:

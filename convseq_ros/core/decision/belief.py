@@ -231,7 +231,8 @@ class Belief:
             weights = np.exp(-0.5 * ((near - centre) / sigma) ** 2)
             weights *= (mass[velocities, columns] / weights.sum(axis=1))[:, None]
             is_beyond = near >= stops[columns, None]
-            np.add.at(left, number_of_end[columns], (weights * is_beyond).sum(axis=1))
+            if is_beyond.any():
+                np.add.at(left, number_of_end[columns], (weights * is_beyond).sum(axis=1))
             kept = (near >= firsts[columns, None]) & ~is_beyond
             kept &= weights > BUDGET.least
             where, weights = number[near[kept].astype(np.int64)], weights[kept]
