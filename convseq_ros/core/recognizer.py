@@ -186,7 +186,8 @@ class PlaceRecognizer:
             return Answer(self.mapping.nothing_usable)
         start = self.mapping.session_start
         drive = self.mapping.drive_start
-        query = Query(frame, features, self._buffer, usable, start, self.config, missing, drive)
+        asked = frame, features, self._buffer, usable, start, self.config, missing, drive
+        query = Query(*asked, self.view.barred)
         answer = self.decider.decide(query)
         if answer.reason is not Reason.ACCEPTED:
             return answer

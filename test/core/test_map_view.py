@@ -4,14 +4,16 @@
 
 from dataclasses import replace
 import math
+from pathlib import Path
 
 from convseq_ros.app.map_builder import build_map
 from convseq_ros.app.match_picture import answer_picture
-from convseq_ros.config import EncodingConfig, make_config
-from convseq_ros.core.encoding.descriptor import visible_cells
+from convseq_ros.config import EncodingConfig, make_config, MatchingConfig
+from convseq_ros.core.encoding.descriptor import describe, visible_cells
 from convseq_ros.core.geometry.lens import pixels, rays_through
 from convseq_ros.core.geometry.map_view import field_of_view, MapView
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import of_roll_pitch_yaw
 from convseq_ros.core.types import Camera, Frame, Reason
@@ -157,6 +159,32 @@ def test_a_growing_map_takes_frames_as_they_are_and_says_that_lenses_differ():
     assert of_map.brought(shown) is shown and 'begin another map' in of_map.problem
 
 
+def of_sessions(*counts_and_cameras):
+    made, image = ReferenceMap(ENCODING), np.zeros((64, 64), np.uint8)
+    for number, (count, camera) in enumerate(counts_and_cameras):
+        made.begin_session(number, camera)
+        for at in range(count):
+            made.add_frame(Frame(1000 * number + at, image), describe(image, ENCODING))
+    return made
+
+
+@pytest.mark.parametrize(
+    ('camera', 'grows', 'barred', 'line'),
+    [
+        (LENS, False, [range(3, 5)], '2 places of the map'),
+        (zoomed(2), False, [range(3), range(6, 7)], '4 places of the map'),
+        (zoomed(0.5), False, [range(3, 5)], 'images are brought to its view'),
+        (zoomed(0.5), True, [range(3), range(3, 5), range(6, 7)], 'begin another map'),
+        (None, False, [], ''),
+    ],
+)
+def test_places_of_another_lens_than_the_view_are_barred(camera, grows, barred, line):
+    lenses = of_sessions((3, LENS), (2, zoomed(2)), (1, None), (1, LENS))
+    of_map = MapView(lenses, ENCODING, grows)
+    of_map.brought(frame(camera))
+    assert [*of_map.barred] == barred and line in of_map.problem
+
+
 CONFIG = make_config({'image_size_px': 256, 'keyframe_overlap': 1.0})
 
 
@@ -190,3 +218,32 @@ def test_a_place_is_recognised_through_a_narrower_lens_and_too_narrow_a_one_is_t
     matches, _, recognizer = drive(8.0)
     assert {match.reason for match in matches} == {Reason.UNINFORMATIVE}
     assert 'too little of its view' in recognizer.view.problem
+
+
+@pytest.mark.parametrize(
+    'matching', [MatchingConfig(shortlist_length=4), MatchingConfig(search='exhaustive')]
+)
+def test_a_map_of_several_lenses_goes_by_session(gallery, matching):
+    _, pictures = gallery
+    wide = Camera(160, 120, 80.0, 80.0, 79.5, 59.5)
+    lenses = {'wide': wide, 'narrow': zoomed(1.6, wide)}
+    drives = [
+        [Frame(at * 10**8, gray, camera=camera) for at, gray in enumerate(pictures)]
+        for camera in lenses.values()
+    ]
+    maps = [build_map(drive, config=CONFIG, links=False) for drive in drives]
+    reference_map = joined([part for one in maps for part in slices_of(Path('map.db'), one)])
+
+    config = replace(CONFIG, matching=matching)
+
+    def matched(name):
+        recognizer = PlaceRecognizer(reference_map, config)
+        recognizer.decider.expect(np.array([10, 40]), np.array([0.5, 0.5]), len(reference_map))
+        accepted, scored = set(), set()
+        for at, gray in enumerate(pictures[10:24], 90):
+            match = recognizer.process(Frame(at * 10**8, gray, camera=lenses[name]))
+            accepted |= {match.accepted.session} if match.accepted else set()
+            scored |= {*(np.flatnonzero(np.isfinite(recognizer.pair_scores)) // 30).tolist()}
+        return accepted, scored
+
+    assert matched('wide') == ({0}, {0}) and matched('narrow') == ({1}, {1})

@@ -108,7 +108,8 @@ class BeliefDecider(Decider):
         belief.motion.move(pose, query.missing, new)
         self._prior.move(frame.stamp_ns, pose)
         belief.predict(query.usable, query.drive_start)
-        compared = self._comparer.compare(query, belief.likeliest(BUDGET.peaks))
+        likely = [place for place in belief.likeliest(BUDGET.peaks) if query.may_match(place)]
+        compared = self._comparer.compare(query, likely)
         observed = self._observer.observe(query, compared, belief, new)
         entry = self._prior.entry_prior(observed.places, query.session_start)
         belief.update(

@@ -67,7 +67,7 @@ class Comparer:
         self._frames += 1
         is_first = self._frames <= BUDGET.first_frames
         newest = BUDGET.first_listed if is_first else self._listed // 4
-        likely = np.union1d(self._coarse.best(self._listed, newest), before)
+        likely = np.union1d(self._coarse.best(self._listed, newest, query.barred), before)
         most = BUDGET.first_scored if is_first else BUDGET.scored
         likely = self._promising(features, likely, most)
         pairs = self._score(features, np.union1d(likely, before), row)
@@ -82,7 +82,8 @@ class Comparer:
         verified = self._verified(features, verified, beside.tolist())
         best = _strongest(verified, peaks[0])
         if not has_controls(self._near, places, best):
-            others = self._coarse.best(COMPARED.fewest, 0, self._near.ranges(best))
+            excluded = [*self._near.ranges(best), *query.barred]
+            others = self._coarse.best(COMPARED.fewest, 0, excluded)
             pairs += self._score(features, others, row)
             places, scores = _scored(row)
             is_away = ~self._near.mask(places, best)

@@ -25,6 +25,11 @@ class Query:
     config: Config  # the current one; it may change between frames
     missing: int = 0  # number of keyframes that were dropped before this one
     drive_start: int = 0  # of the running session, or of one that ended a moment before it
+    barred: Sequence[range] = ()  # places that may not be matched, since another lens took them
+
+    def may_match(self, place: int) -> bool:
+        """Return whether a place may be matched."""
+        return place < self.usable and not any(place in part for part in self.barred)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,9 @@ A lens of another field of view shows a place as the map's lens shows one furthe
 images of a wider lens are cut, and those of a narrower one stand in the middle, the rest masked.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 import math
 
 from convseq_ros.config import EncodingConfig, RobotConfig
@@ -86,17 +88,20 @@ class MapView:
     Brings frames to the view of the lens that made a map, if both cameras are known.
 
     `encoding` is how the newest frame is described; None if it shows too little of the map's view.
-    `problem` is one line if the lenses differ, else empty. Where the map grows, frames stay as
-    they are.
+    `barred` are the places of sessions that another lens took: a frame in one view shows them
+    nearer or further on. `problem` is one line if the lenses differ, else empty. Where the map
+    grows, frames stay as they are.
     """
 
     def __init__(self, reference_map: ReferenceMap, encoding: EncodingConfig, grows: bool) -> None:
         cameras = [session.camera for session in reference_map.sessions if session.camera]
         self._fields = {camera: field_of_view(camera) for camera in cameras}
+        self._map = reference_map
         self._own, self._grows, self._side = encoding, grows, cell_shape(encoding.image_size_px)[0]
         self._seen: Camera | None = None
         self._view: View | None = None
         self.encoding: EncodingConfig | None = encoding
+        self.barred: Sequence[range] = ()
         self.problem = ''
 
     def brought(self, frame: Frame) -> Frame:
@@ -116,29 +121,53 @@ class MapView:
 
     def _compare(self, camera: Camera) -> None:
         """Find out how a camera sees the view of the most similar lens of the map."""
-        self._view, self.encoding, self.problem = None, self._own, ''
+        self._view, self.encoding, self.barred, self.problem = None, self._own, (), ''
         own = field_of_view(camera)
-        ratios = {
-            lens: abs(math.log(field / own))
-            for lens, field in self._fields.items()
-            if field > 0 and own > 0
-        }
-        if not ratios or min(ratios.values()) <= math.log(VIEW.alike):
+        known = [lens for lens, field in self._fields.items() if field > 0 and own > 0]
+        if not known:
             return
-        lens = min(ratios, key=ratios.__getitem__)
-        degrees = math.degrees(own), math.degrees(self._fields[lens])
-        differ = 'the camera sees {:.0f} degrees across, that of the map {:.0f}'.format(*degrees)
-        if self._grows:
-            self.problem = f'{differ}: its places are missed or mistaken; begin another map'
-            return
+        lens = min(known, key=lambda lens: _ratio(self._fields[lens], own))
+        field = self._fields[lens]
+        differ = f'the camera sees {math.degrees(own):.0f} degrees across, that of the map '
+        differ += f'{math.degrees(field):.0f}'
+        is_like = _ratio(field, own) <= VIEW.alike
+        self.barred = self._of_other_lenses(own if self._grows else field)
+        if self._grows and not is_like:
+            self.problem = f'{differ}: its places are not matched; begin another map'
+        elif not is_like:
+            self.problem = f'{differ}: {self._show(camera, lens)}'
+        if self.barred and not self.problem:
+            count = sum(map(len, self.barred))
+            self.problem = (
+                f'{count} places of the map were seen by a lens that differs from the camera by '
+                'more than 10 %, and are not matched: map these ways with this camera'
+            )
+
+    def _show(self, camera: Camera, lens: Camera) -> str:
+        """Bring images of a camera to the view of a lens from now on; return one line on it."""
         view, visible = _made(camera, lens, self._own, self._side)
         share = visible.mean() / visible_cells(self._own.image_mask, self._side).mean()
         if share < VIEW.least:
             self.encoding = None
-            self.problem = f'{differ}: too little of its view to recognise a place; map with it'
-            return
+            return 'too little of its view to recognise a place; map with it'
         self._view, self.encoding = view, view.encoding
-        self.problem = f'{differ}: images are brought to its view, and fill {share:.0%} of it'
+        return f'images are brought to its view, and fill {share:.0%} of it'
+
+    def _of_other_lenses(self, field: float) -> list[range]:
+        """Return the places of sessions whose lens has another field of view, in radians."""
+        places, sessions = self._map.places, self._map.sessions
+        barred = []
+        for start, end in pairwise([*self._map.bounds.starts.tolist(), len(places)]):
+            camera = sessions[places[start].session].camera if start < end else None
+            other = self._fields.get(camera, math.nan) if camera else math.nan
+            if other > 0 and _ratio(other, field) > VIEW.alike:
+                barred.append(range(start, end))
+        return barred
+
+
+def _ratio(field: float, other: float) -> float:
+    """Return the ratio of two fields of view, at least 1."""
+    return max(field / other, other / field)
 
 
 def field_of_view(camera: Camera) -> float:

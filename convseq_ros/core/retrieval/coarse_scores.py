@@ -89,13 +89,15 @@ class AllPlaces:
         """Take in a query, each only once, which may match the first `usable` references."""
         self._usable = usable
 
-    def best(self, _by_track: int, _by_frame: int, _excluded: Sequence[range] = ()) -> Indices:
+    def best(self, _by_track: int, _by_frame: int, excluded: Sequence[range] = ()) -> Indices:
         """
         Return the likeliest places, ascending, without those in the ranges `excluded`.
 
         `by_track` of them are chosen by the sums along the drive, `by_frame` by the newest query.
         """
-        return np.arange(self._usable)
+        everywhere = np.arange(self._usable)
+        without = [np.arange(part.start, part.stop) for part in excluded]
+        return np.setdiff1d(everywhere, np.concatenate(without)) if without else everywhere
 
     def like(self, _place: int, _earlier: int, _count: int, _excluded: Sequence[range]) -> Indices:
         """Return no places: without descriptors, none is known to be like another."""

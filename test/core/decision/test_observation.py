@@ -297,7 +297,7 @@ def test_without_enough_rivals_no_place_gains(a_map, count):
 
 def test_the_first_frames_of_a_drive_are_compared_with_more_places(a_map):
     listed, counts = Listed(range(100), 100), []
-    listed.best = lambda _, newest: counts.append(newest) or np.arange(100)
+    listed.best = lambda _, newest, _excluded: counts.append(newest) or np.arange(100)
     pairs = Pairs(scored(), SHOWN)
     comparer = Comparer(listed, pairs, Neighbourhood(a_map(100)), 40)
     for _ in range(BUDGET.first_frames + 1):

@@ -38,7 +38,7 @@ class PaperDecider(Decider):
         # III-E, III-F: information gain and entropy choose k, the number of frames to match.
         length = choose_length(buffer.descriptors, self._similarity, query.config.sequence)
         self._coarse.update(newest.descriptor, query.usable)
-        ends = self._coarse.best(self._listed, self._listed // 4)
+        ends = self._coarse.best(self._listed, self._listed // 4, query.barred)
         if length is None:
             pairs = buffer.score(1, ends)  # these scores are cached for the next frames
             return Answer(Reason.WARMING_UP, pairs_scored=pairs)
