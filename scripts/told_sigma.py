@@ -8,7 +8,7 @@ Usage: python scripts/told_sigma.py [--seeds 0 1 2 3] [--odometries 5] [--roads 
 
 `graph` is pose_graph_node: it maps a drawn town while it drives through it (online), or drives on
 another day in that map (preloaded). `node` is vpr_node with publish_tf, in that map with the poses
-and the `position_sigma_m` of `convseq map link`, or the default one. Closures are those of the
+and the `position_sigma_m` that `convseq map link` puts into it. Closures are those of the
 recogniser. Odometry drifts by three sizes, with a covariance that grows by its random errors
 alone, or without one; the robot may be carried 320 m, or odometry begin anew. Each drive is
 recognised once, with the town's odometry, and then driven with several odometries.
@@ -298,12 +298,8 @@ def of_town(town: Town, seed: int, parts: list[str], odometries: int) -> Iterato
         if 'node' in parts and not grows:
             poses, sigma_m = town.solved
             heard = [*in_solved(town.next_day[carried], poses)]
-            for part, told_m in (
-                ('node, map link', sigma_m),
-                ('node, default', NODE.position_sigma_m),
-            ):
-                seen = driven(heard, other, grows, anew)
-                yield part, name, measured(seen, ByNode(told_m), town.origin)
+            seen = driven(heard, other, grows, anew)
+            yield 'node, map link', name, measured(seen, ByNode(sigma_m), town.origin)
 
 
 def of_road(folder: Path, parts: list[str], made: Path) -> Iterator[Run]:

@@ -103,13 +103,11 @@ def _make_outputs(chosen: argparse.Namespace, linked: ReferenceMap) -> None:
         first = linked.sessions[linked.places.session(min(after))]
         frame = first.frame or f'linked {linked.map_id}'
         moved = [_moved(part, after, frame) for part in slices]
-        save_map(joined(moved), chosen.output, is_new=True)
-        sigma_m = f'{graph.position_sigma_m():.2f}'
-        print(
-            f'{chosen.output}: its poses are known to {sigma_m} m; tell vpr_node so, with '
-            f'-p position_sigma_m:={sigma_m}',
-            file=sys.stderr,
-        )
+        made = joined(moved)
+        made.position_sigma_m = graph.position_sigma_m()
+        save_map(made, chosen.output, is_new=True)
+        known = f'its poses are known to {made.position_sigma_m:.2f} m, as the map tells'
+        print(f'{chosen.output}: {known}', file=sys.stderr)
 
 
 def _moved(part: SessionSlice, after: Poses, name: str) -> SessionSlice:

@@ -214,7 +214,8 @@ class VprNode(ManagedNode):
         estimate = self._answers.publish(answered)
         self._localization.update(match, estimate)
         if self._transform:
-            self._transform.update(answered.frame, match, estimate)
+            sigma_m = answered.recognizer.reference_map.position_sigma_m
+            self._transform.update(answered.frame, match, estimate, sigma_m)
 
     def _on_image(self, message: RawMessage, topic: str) -> None:
         arrival_ns = time.monotonic_ns()

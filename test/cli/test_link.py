@@ -61,7 +61,8 @@ def test_two_drives_are_linked_brought_together_and_drawn(driven, tmp_path, caps
     asked = (one for pair in options for one in pair)
     assert main(['map', 'link', str(path), *asked, '--json']) == 0
     said = capsys.readouterr()
-    assert f'{files[1]}: its poses are known to 0.' in said.err
+    assert 'its poses are known to 0.' in said.err
+    assert 0 < open_map(files[1]).position_sigma_m < 1 and not open_map(path).position_sigma_m
     links = json.loads(said.out)
     assert PLACES >= len(links) >= 0.75 * PLACES
     for link in links:

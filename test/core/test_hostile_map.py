@@ -13,7 +13,7 @@ from convseq_ros.core.map import database as limits
 from convseq_ros.core.map.appender import Appender
 from convseq_ros.core.map.database import as_map_error, Database
 from convseq_ros.core.map.edit import unlink
-from convseq_ros.core.map.format import PAGE_BYTES, row_crc
+from convseq_ros.core.map.format import PAGE_BYTES, row_crc, Settings
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
@@ -101,6 +101,14 @@ DAMAGE = [  # SQL, or the value of a row whose checksum suits it; and what is sa
     ("UPDATE sessions SET name = 'x'", 'sessions fails its checksum'),
     (f'DELETE FROM images {LAST}', 'reference 19 is missing'),
 ]
+
+
+@pytest.mark.parametrize('told', ['nan', 'inf', '-1', 'x'])
+def test_how_well_positions_are_known_is_a_finite_number(told):
+    rows = Settings('map', ENCODING, APART, 2.5).rows
+    assert Settings.from_rows(rows).position_sigma_m == 2.5
+    with pytest.raises(ValueError, match=r'position_sigma_m|could not convert'):
+        Settings.from_rows(rows | {'position_sigma_m': told})
 
 
 @pytest.mark.parametrize(('damage', 'told'), DAMAGE)

@@ -13,6 +13,7 @@ from convseq_ros.core.map.format import FORMAT_VERSION, is_map_or_empty
 from convseq_ros.core.map.place import pack_cells, Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import MapError
@@ -67,9 +68,12 @@ def test_a_map_keeps_its_id_and_all_that_is_known_of_its_sessions(tmp_path):
     for known in ((), (camera, 'lap', 'town'), (Camera(1, 1, 1.0, 1.0, 1.0, 1.0),)):
         whole.begin_session(len(whole), *known)
         whole.add(Place(len(whole), session=len(whole.sessions) - 1), cells(0))
+    whole.position_sigma_m = 1.25
     save_map(whole, path)
     opened = open_map(path)
     assert opened.sessions == whole.sessions and opened.map_id == whole.map_id
+    assert opened.position_sigma_m == 1.25
+    assert joined(slices_of(path)).position_sigma_m == 1.25  # each edit joins slices anew
 
 
 def test_a_place_that_is_written_before_any_session_begins_one(tmp_path):

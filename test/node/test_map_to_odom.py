@@ -133,6 +133,10 @@ def test_the_sigma_of_map_to_odom_is_of_now(made):
     config = NodeConfig()
     metres, radians = config.position_sigma_m, config.heading_sigma_rad
     assert sigmas() == pytest.approx((math.hypot(0.1, metres), math.hypot(0.01, radians)))
+    for of_map, larger in ((metres / 2, metres), (4.0, 4.0)):
+        frame = Frame(SECOND, None, pose=at(0.0))
+        made.transform.update(frame, Mock(relative_pose=None), None, of_map)
+        assert sigmas()[0] == pytest.approx(math.hypot(0.1, larger))
     for seconds, x in ((2, 10.0), (3, 20.0)):  # nothing is recognised: odometry drifts
         frame = Frame(seconds * SECOND, None, pose=at(x))
         made.transform.update(frame, Mock(relative_pose=None), None)

@@ -6,6 +6,7 @@ import signal
 
 from convseq_ros.app.result_row import COLUMNS
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.writer import save_map
 from convseq_ros.io.results import read_results
 from convseq_ros.node.conversions import CANDIDATE, stamp_to_ns
 from diagnostic_msgs.msg import DiagnosticArray
@@ -38,8 +39,11 @@ def test_a_second_drive_is_recognised_on_all_topics(
     client, start, map_path, street, image, tmp_path
 ):
     result_file = tmp_path / 'result.csv'
-    given = {'map_path': map_path, 'result_file': result_file}
-    process = start('vpr_node', position_sigma_m=3, **given)
+    told = open_map(map_path)
+    told.position_sigma_m = 3.0
+    save_map(told, tmp_path / 'told.db')
+    given = {'map_path': tmp_path / 'told.db', 'result_file': result_file}
+    process = start('vpr_node', position_sigma_m=2, **given)
     heard = {name: client.listen(kind, f'/vpr_node/{name}') for name, kind in KINDS.items()}
     camera = client.camera(Image)
     for index in range(NUM_FRAMES):

@@ -92,16 +92,19 @@ class Settings:
     map_id: str  # a UUID
     encoding: EncodingConfig
     keyframes: KeyframeConfig
+    position_sigma_m: float = 0.0  # standard deviation of its positions; 0 if not told
 
     @property
     def rows(self) -> dict[str, str]:
         """The rows of the table `about`: values by name."""
         settings = stored_settings(self.encoding).items()
         encoding = {name: value for name, value in settings if _LEFT_OUT.get(name) != value}
+        told = {'position_sigma_m': repr(self.position_sigma_m)} if self.position_sigma_m else {}
         return {
             'map_id': self.map_id,
             'encoding': json.dumps(encoding),
             'keyframes': json.dumps(self.keyframes.spacing),
+            **told,
         }
 
     @classmethod
@@ -115,7 +118,10 @@ class Settings:
                 raise ValueError('settings: invalid descriptor_model')
             visible_cells(encoding.image_mask, cell_shape(encoding.image_size_px)[0])
             keyframes = KeyframeConfig(**json.loads(stored['keyframes']))
-            return cls(checked_id(stored['map_id']), encoding, keyframes)
+            sigma_m = float(stored.get('position_sigma_m', 0.0))
+            if not 0 <= sigma_m < math.inf:
+                raise ValueError('settings: invalid position_sigma_m')
+            return cls(checked_id(stored['map_id']), encoding, keyframes, sigma_m)
         except (KeyError, TypeError, AttributeError, RecursionError, ConfigError) as error:
             raise ValueError(f'settings: {error}') from error
 

@@ -179,7 +179,9 @@ class MapReader:
             problem = _read_links(self._database, self._path, len(places), links)
             trail = Trail(self._keyframes, self._trail_end())
         settings = self.encoding, places, self.pictures, self.keyframes, self.settings.map_id
-        return ReferenceMap(*settings, sessions, links, problem, keeps_images, trail)
+        opened = ReferenceMap(*settings, sessions, links, problem, keeps_images, trail)
+        opened.position_sigma_m = self.settings.position_sigma_m
+        return opened
 
     def _trail_end(self) -> int:
         """Return the number of the next keyframe; 0 if the table is damaged."""

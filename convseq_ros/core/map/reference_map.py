@@ -56,6 +56,7 @@ class ReferenceMap:
         keeps_images: bool = False,
         trail: Trail | None = None,
     ) -> None:
+        self.position_sigma_m = 0.0  # standard deviation of its positions, if its maker tells it
         self.encoding, self.keyframes = without_path(encoding), keyframes
         self.map_id, self.sessions = map_id or str(uuid4()), [*sessions]
         self.cell_shape = cell_shape(encoding.image_size_px)

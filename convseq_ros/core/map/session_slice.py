@@ -91,6 +91,7 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
 
     sessions = [part.session for part in slices]
     joined_map = ReferenceMap(first.encoding, places, read, first.keyframes, sessions=sessions)
+    joined_map.position_sigma_m = max(part.reference_map.position_sigma_m for part in slices)
     carry_links(origins, joined_map.links)
     for source in dict.fromkeys(part.reference_map for part in slices):
         kept = {part.session.id for part in slices if part.reference_map is source}

@@ -50,6 +50,7 @@ class MapWriter:
         keyframes: KeyframeConfig,
         append: bool | None = False,
         map_id: str = '',
+        position_sigma_m: float = 0.0,
     ) -> None:
         encoding = without_path(encoding)
         # Rows of links, and keyframes, of the source that are written already.
@@ -59,7 +60,7 @@ class MapWriter:
         with as_map_error(path):
             self._database = open_to_write(path)
             try:
-                settings = Settings(map_id or str(uuid4()), encoding, keyframes)
+                settings = Settings(map_id or str(uuid4()), encoding, keyframes, position_sigma_m)
                 self.is_new = self._make(settings, append)
                 self.reader = MapReader(path, encoding, keyframes)
                 self._count = self.committed = len(self.reader)
@@ -225,8 +226,8 @@ def refuse_existing(path: Path) -> None:
 
 
 def _put(new: ReferenceMap, path: Path) -> None:
-    settings = new.encoding, new.keyframes
-    with replaced(path) as part, MapWriter(part, *settings, map_id=new.map_id) as writer:
+    settings = new.encoding, new.keyframes, False, new.map_id, new.position_sigma_m
+    with replaced(path) as part, MapWriter(part, *settings) as writer:
         writer.append(new, len(new))
 
 

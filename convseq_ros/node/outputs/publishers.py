@@ -109,8 +109,8 @@ class MatchPublishers:
         place = reference_map.places[accepted.reference_index].pose
         if match.pose is None or place is None:
             return None
-        sigmas = config.position_sigma_m, config.heading_sigma_rad
-        estimate = with_map_errors(match.pose, place, *sigmas)
+        sigma_m = max(config.position_sigma_m, reference_map.position_sigma_m)
+        estimate = with_map_errors(match.pose, place, sigma_m, config.heading_sigma_rad)
         self._send('~/pose', partial(pose_message, match, estimate, config.map_frame))
         return estimate
 
