@@ -44,7 +44,7 @@ class _Peer:
     vector_bytes: Callable[[Vector], float]  # mean size of a map's vectors (R, D)
 
 
-_PEERS = {
+PEERS = {
     'orb-bow': _Peer(
         local_features.orb,
         lambda images, levels: Vocabulary(images, levels=levels),
@@ -79,7 +79,7 @@ def peer_scores(
     commas. Smaller images are enlarged to `image_rows` rows. `levels` is the depth of the tree of
     words. If `direct` is given, only keypoints match that share the node so many levels above.
     """
-    peer = _PEERS[kind]
+    peer = PEERS[kind]
     extract = partial(peer.extract, rows=image_rows)
     (query, extract_ms), (reference, _) = material.each(partial(_extracted, extract=extract))
     training = reference
