@@ -115,10 +115,6 @@ class KeptMatcher(Matcher):
         found = self._known('verified', query, indices, several)
         return dict(zip(map(int, indices), found, strict=True))
 
-    def motion(self, query: Features, index: int) -> Any:
-        compute = super().motion
-        return self._known('motion', query, [index], lambda few: [compute(query, few[0])])[0]
-
 
 class Encoded(NamedTuple):
     """A drive whose keyframes are encoded, and what was compared."""

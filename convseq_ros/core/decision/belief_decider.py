@@ -67,7 +67,7 @@ class BeliefDecider(Decider):
         onward = lru_cache(_KEPT_ENDS)(known)
         way = MotionModel(reference_map, both, error)
         self._belief = Belief(reference_map, way, self._lead, onward)
-        self._observer = Observer(matcher, self._near, witness, self._covisibility)
+        self._observer = Observer(self._near, witness, self._covisibility)
 
     @property
     def odometry_jumps(self) -> int:

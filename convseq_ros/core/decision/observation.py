@@ -29,7 +29,6 @@ from convseq_ros.core.decision.likelihood import (
 )
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.neighbourhood import Neighbourhood, SAME_PLACE
-from convseq_ros.core.similarity.scorer import Scorer
 from convseq_ros.core.types import Doubles, Indices
 import numpy as np
 
@@ -51,13 +50,9 @@ class Observer:
     """Turns what the frames of one camera's drive show into likelihood ratios of places."""
 
     def __init__(
-        self,
-        matcher: Scorer,
-        near: Neighbourhood,
-        witness: KeypointWitness,
-        covisibility: Covisibility,
+        self, near: Neighbourhood, witness: KeypointWitness, covisibility: Covisibility
     ) -> None:
-        self._matcher, self._near, self._covisibility = matcher, near, covisibility
+        self._near, self._covisibility = near, covisibility
         self._witness, self._likelihood = witness, Likelihood()
 
     def reset(self) -> None:
@@ -90,7 +85,7 @@ class Observer:
         if by_cells < KEYPOINTS.surprising or not self._is_sure(query, belief, best):
             share = self._covisibility.share
             leads = self._likelihood.leads(*observed, lambda at: share(best, int(examined[at])))
-            asked = self._asked(query, belief, strongest)
+            asked = self._asked(query, belief, strongest, verified)
         self._likelihood.learn(*observed)
         keypoints = self._by_keypoints(places, asked)
         at = np.searchsorted(places, examined)
@@ -124,7 +119,13 @@ class Observer:
         is_same = self._near.mask(belief.places, best, SAME_PLACE)
         return 1 - float(belief.mass[is_same].sum()) <= doubted
 
-    def _asked(self, query: Query, belief: Belief, strongest: Indices) -> dict[int, KeypointRatio]:
+    def _asked(
+        self,
+        query: Query,
+        belief: Belief,
+        strongest: Indices,
+        verified: Mapping[int, Verification],
+    ) -> dict[int, KeypointRatio]:
         """
         Return what keypoints say of the strongest places that are apart and of the likeliest one.
 
@@ -147,9 +148,9 @@ class Observer:
         keypoints = self._witness.keypoints(query.frame, query.buffer.newest.descriptor)
         if keypoints is None:
             return {}
-        side, motion = features.packed.side, self._matcher.motion
+        side = features.packed.side
         blocks = {
-            place: self._witness.blocks(keypoints, place, motion(features, place), side)
+            place: self._witness.blocks(keypoints, place, verified[place].moved, side)
             for place in chosen
         }
         states = belief.states_at(np.array([*blocks], np.int64), query.drive_start)

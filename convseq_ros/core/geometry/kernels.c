@@ -380,12 +380,12 @@ KERNEL(fit_motion)(const float *found, intptr_t count, intptr_t side, double sig
     return 0;
 }
 
-// Write the verification of a query with each reference, [several][3]: inliers, strength, and the
-// part of it from the query's upper half; `shifts`: common shifts, [several][2]; the rest is as
-// in `displacements` and `fit_motion`.
+// Write the verification of a query with each reference, [several][9]: inliers, strength, the
+// part of it from the query's upper half, and the motion [2][3]; `shifts`: common shifts,
+// [several][2]; the rest is as in `displacements` and `fit_motion`.
 KERNEL(verify)(const int32_t *query, const int32_t *const *references, intptr_t several,
                intptr_t side, const int64_t *shifts, float unit, const float *weights,
-               float tolerance, double sigma, intptr_t rounds, double stiff, double (*judged)[3])
+               float tolerance, double sigma, intptr_t rounds, double stiff, double (*judged)[9])
 {
     intptr_t all = side * side;
     double *off = malloc((size_t)all * (sizeof *off + FACTS * sizeof(float)));
@@ -408,6 +408,7 @@ KERNEL(verify)(const int32_t *query, const int32_t *const *references, intptr_t 
         judged[one][0] = (double)inliers;
         for (int sum = 0; sum < 2; sum++)
             judged[one][1 + sum] = sums[sum] > 0 ? sums[sum] : 0;
+        memcpy(judged[one] + 3, motion, sizeof motion);
     }
     free(off);
     return failed ? -1 : 0;

@@ -62,7 +62,7 @@ def verified(
     query: PackedRegions, references: Sequence[PackedRegions], starts: Sequence[tuple[int, int]]
 ) -> Doubles:
     """Return `numpy_kernels.verified`."""
-    results = np.empty((len(references), 3))
+    results = np.empty((len(references), 9))
     addresses = np.array([address(reference.rows) for reference in references], np.uint64)
     shifts, count = np.array(starts, np.int64).reshape(-1, 2), len(references)
     _verify(

@@ -86,15 +86,16 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
 def verified(
     query: PackedRegions, references: Sequence[PackedRegions], starts: Sequence[tuple[int, int]]
 ) -> Doubles:
-    """Return inliers, strength, and its upper half, of a query with n references: (n, 3)."""
-    results = np.empty((len(references), 3))
+    """Return inliers, strength, its upper half, and the motion, of n references: (n, 9)."""
+    results = np.empty((len(references), 9))
     for row, reference, start in zip(results, references, starts, strict=True):
         found = displacements(query, reference, start)
-        off = fit_motion(found, query.side, start)[1]
+        motion, off = fit_motion(found, query.side, start)
         each = found[:, 4] / (1 + (off / MOTION_FIT.sigma_cells) ** 2)
         is_upper = found[:, 0] < query.side / 2
         row[0] = (off <= MOTION_FIT.sigma_cells).sum()
-        row[1:] = max(0.0, each.sum()), max(0.0, each[is_upper].sum())
+        row[1:3] = max(0.0, each.sum()), max(0.0, each[is_upper].sum())
+        row[3:] = motion.ravel()
     return results
 
 

@@ -111,15 +111,16 @@ def initial_motion(start: tuple[int, int]) -> Doubles:
     return np.array([[start[0], 0.0, 0.0], [start[1], 0.0, 0.0]])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False, slots=True)
 class Verification:
-    """The geometric agreement of two images."""
+    """The geometric agreement of two images; equal to itself only."""
 
     inliers: int  # regions of the displacement field with an error of at most 2 cells
     # Verification score: the sum of similarities over the field, weighted down with the error. Of
     # 900 regions, unrelated images give 26 to 50, the same place 60 at night to 500 by day.
     strength: float
     upper: float  # the part of `strength` from the query's upper half
+    moved: Doubles | None = None  # the `motion` (2, 3); None if there is none
 
 
 NOTHING = Verification(0, 0.0, 0.0)
@@ -130,8 +131,12 @@ def verify(
 ) -> list[Verification]:
     """Return the verifications of a query with references of its size, given common shifts."""
     starts = [_start(shift) for shift in shifts]
-    rows = kernels_of(__package__).verified(query, references, starts).tolist()
-    return [Verification(int(inliers), *strengths) for inliers, *strengths in rows]
+    rows = kernels_of(__package__).verified(query, references, starts)
+    judged, moved = rows[:, :3].tolist(), rows[:, 3:].reshape(-1, 2, 3)
+    return [
+        Verification(int(inliers), strength, upper, motion)
+        for (inliers, strength, upper), motion in zip(judged, moved, strict=True)
+    ]
 
 
 def field(query: PackedRegions, reference: PackedRegions, shift: Shift) -> Doubles:

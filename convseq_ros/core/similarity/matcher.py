@@ -9,7 +9,6 @@ from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.descriptor import ENTROPY
 from convseq_ros.core.geometry.verification import (
     field,
-    motion,
     NOTHING,
     packed_regions,
     PackedRegions,
@@ -94,12 +93,6 @@ class Matcher(Scorer):
         if query.packed is None or reference is None:
             return np.zeros((0, 5))
         return field(query.packed, reference, shift)
-
-    def motion(self, query: Features, index: int) -> npt.NDArray[np.float64] | None:
-        shift, reference = self.shift(query, index), self.packed(index)
-        if query.packed is None or reference is None or shift is None:
-            return None
-        return motion(query.packed, reference, shift)
 
     def verified(self, query: Features, indices: Sequence[int]) -> dict[int, Verification]:
         if query.packed is None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from convseq_ros.core.geometry.verification import overlap, PackedRegions, Verification
+from convseq_ros.core.geometry.verification import NOTHING, overlap, PackedRegions, Verification
 from convseq_ros.core.types import Descriptor, Indices, Row, Shift
 import numpy as np
 import numpy.typing as npt
@@ -61,13 +61,9 @@ class Scorer:
         """Return the displacements of a query's regions, (n, 5), as `verification.field` does."""
         return np.zeros((0, 5))
 
-    def motion(self, _query: Features, _index: int) -> npt.NDArray[np.float64] | None:
-        """Return the motion (2, 3) from a query to a reference; None without regions."""
-        return None
-
     def overlap(self, query: Features, index: int) -> float | None:
         """Return the share of the views of a query and a reference that is common, in [0, 1]."""
-        moved = self.motion(query, index)
+        moved = self.verified(query, [index]).get(index, NOTHING).moved
         return None if moved is None or not query.packed else overlap(moved, query.packed.side)
 
     def verified(self, _query: Features, _indices: Sequence[int]) -> dict[int, Verification]:

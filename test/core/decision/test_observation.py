@@ -40,10 +40,7 @@ class Pairs:
         return self.row[places]
 
     def verified(self, _features, indices):
-        return {one: verified(self._strengths.get(one, self._usual)) for one in indices}
-
-    def motion(self, _features, place):
-        return place
+        return {one: verified(self._strengths.get(one, self._usual), one) for one in indices}
 
 
 class Listed:
@@ -98,8 +95,8 @@ def believing(masses=None, difference=0.0):
     )
 
 
-def verified(strength):
-    return Verification(0, strength, strength / 2)
+def verified(strength, moved):
+    return Verification(0, strength, strength / 2, moved)
 
 
 def query_of(pairs, usable=None, start=NONE, config=None):
@@ -127,7 +124,7 @@ def looked(reference_map, pairs, masses=None, start=NONE, told=None, listed=None
     query, belief = query_of(pairs, usable, start, config), believing(masses, difference)
     compared = Comparer(coarse, pairs, near, 40).compare(query, belief.likeliest(BUDGET.peaks))
     seen = SimpleNamespace(share=lambda place, other: (shares or {}).get((place, other), 0.0))
-    observer = Observer(pairs, near, told or Told(), seen)
+    observer = Observer(near, told or Told(), seen)
     observation = observer.observe(query, compared, belief, novelty)
     return observation, dict(
         zip(observation.places.tolist(), observation.log_ratios.tolist(), strict=True)
