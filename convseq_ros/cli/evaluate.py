@@ -15,7 +15,7 @@ from convseq_ros.evaluation.bench import DEFAULT_METHODS, evaluate, PAST, Plan, 
 from convseq_ros.evaluation.data_set import open_data_set, ready_made
 from convseq_ros.evaluation.methods import KINDS, Sweep
 from convseq_ros.evaluation.protocols import CLOSED, OPEN
-from convseq_ros.evaluation.run_folder import REPORT
+from convseq_ros.evaluation.run_folder import refuse_others, REPORT
 from convseq_ros.evaluation.scorecard import CRITERIA
 from convseq_ros.evaluation.table import table_of
 
@@ -55,6 +55,7 @@ def run(chosen: argparse.Namespace) -> int:
     config = chosen_config(chosen, EVERY_FRAME.spacing)
     if not chosen.sets:
         raise ConfigError(f'no data set; give a YAML file or one of {", ".join(ready_made())}')
+    refuse_others('--output', chosen.output)
     protocols = chosen.protocol or (CLOSED if chosen.keep is None else OPEN,)
     if chosen.keep is not None and not (0 < chosen.keep < 1 and OPEN in protocols):
         raise ConfigError(

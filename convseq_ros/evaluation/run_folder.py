@@ -27,10 +27,11 @@ from convseq_ros.errors import load, SourceError
 from convseq_ros.evaluation.protocols import OPEN, Outcome, VERSION
 from convseq_ros.evaluation.scorecard import margin, Summary, Verdicts
 from convseq_ros.io.files import read_text
+from convseq_ros.io.output_file import OutputFile
 from convseq_ros.io.regular_file import complete_or_absent, write_text
 import numpy as np
 
-REPORT = 'report.html'
+REPORT, _TABLE = 'report.html', 'summary.csv'
 # What results of a set need in common, and how it is called if it differs.
 _SAME = {
     'images': 'other images',
@@ -38,6 +39,13 @@ _SAME = {
     'criterion': 'another criterion',
 }
 EXTRA_COLUMNS = ('correct', 'known', 'slip', 'margin', 'entropy', 'half')
+
+
+def refuse_others(option: str, folder: Path) -> None:
+    """Raise a ConfigError if a folder has a page, or a table without one, of somebody else."""
+    present = [folder / name for name in (REPORT, _TABLE) if (folder / name).exists()]
+    for path in present[:1]:
+        OutputFile(option, path).refuse()
 
 
 def write_run(folder: Path, outcome: Outcome, verdicts: Verdicts, summary: Summary) -> None:
@@ -57,7 +65,7 @@ def write_summary_table(folder: Path, summaries: Sequence[Summary]) -> None:
         for summary in summaries
     )
     table = load('pandas', 'evaluation').DataFrame(plain)
-    write_text(folder / 'summary.csv', table.to_csv(index=False))
+    write_text(folder / _TABLE, table.to_csv(index=False))
 
 
 def _frames(outcome: Outcome, verdicts: Verdicts) -> Any:

@@ -50,6 +50,20 @@ def test_a_table_is_printed_and_the_folder_written(street, capsys):
     assert (street.parent / 'out' / 'summary.csv').exists()
 
 
+@pytest.mark.parametrize('name', ['report.html', 'summary.csv'])
+def test_a_folder_with_a_page_or_a_table_of_somebody_else_is_refused(street, capsys, name):
+    folder = street.parent / 'out'
+    folder.mkdir()
+    (folder / name).write_text('mine')
+    assert evaluate(street, street, '--method', 'hog') == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f'--output: {folder / name} was not written by this program, and is kept' in line
+    assert [path.read_text() for path in folder.iterdir()] == ['mine']
+    (folder / name).unlink()
+    assert evaluate(street, street, '--method', 'hog') == 0
+    assert evaluate(street, street, '--method', 'hog') == 0  # its own is replaced
+
+
 def test_a_sweep_runs_the_papers_method_with_each_value_and_draws_them(
     street, monkeypatch, capsys
 ):
