@@ -21,6 +21,8 @@ _BETWEEN = re.compile(r'[][,;]')  # its numbers, but for blanks
 # Focal lengths, and distances of the centre, in sides of the image: no lens is beyond.
 _SHORTEST, _LONGEST = 1e-3, 1e6
 _RIM = 0.1  # share of an image's side; the centre of a lens is not there, but for cut images
+# A K of another size moves it from the middle in both directions alike; who cuts, hardly.
+_ASIDE, _ALIKE = 0.12, 0.05
 
 
 def read_camera_file(
@@ -142,11 +144,13 @@ def camera_from_info(message: Any) -> Camera | None:
     ):
         raise impossible
     is_cut = part.width and part.height
-    if not is_cut and not all(_RIM <= share <= 1 - _RIM for share in centre):
+    aside = [share - 0.5 for share in centre]
+    is_scaled = min(map(abs, aside)) > _ASIDE and abs(aside[0] - aside[1]) < _ALIKE
+    if not is_cut and (is_scaled or max(map(abs, aside)) > 0.5 - _RIM):
         raise SourceError(
             f'camera_info: the centre of the lens is at {cx:g}, {cy:g} px of {width} x {height}, '
-            'at the rim: K is of another size, or part of the image is cut off; scale K, or set '
-            'roi'
+            'far from the middle: K is of another size, or part of the image is cut off; scale K, or '
+            'set roi'
         )
     return Camera(width, height, fx, fy, cx, cy, model, distortion)
 

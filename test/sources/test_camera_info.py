@@ -43,12 +43,20 @@ def test_an_impossible_calibration_is_refused_in_one_line(change):
     assert '\n' not in str(caught.value)
 
 
-@pytest.mark.parametrize('centre', [(640.0, 480.0), (320.0, 20.0), (-1.0, 240.0)])
-def test_a_calibration_of_another_size_is_told_by_its_centre_at_the_rim(centre):
+@pytest.mark.parametrize(
+    'centre', [(640.0, 480.0), (320.0, 20.0), (-1.0, 240.0), (160.0, 120.0), (480.0, 370.0)]
+)
+def test_a_calibration_of_another_size_is_told_by_its_centre(centre):
     k = (500.0, 0.0, centre[0], 0.0, 510.0, centre[1], 0.0, 0.0, 1.0)
-    with pytest.raises(SourceError, match='at the rim: K is of another size') as caught:
+    with pytest.raises(SourceError, match='middle: K is of another size') as caught:
         camera_from_info(info(k=k))
     assert f'{centre[0]:g}, {centre[1]:g} px of 640 x 480' in str(caught.value)
+
+
+@pytest.mark.parametrize('centre', [(250.0, 190.0), (320.0, 120.0), (160.0, 360.0)])
+def test_a_lens_that_is_not_quite_in_the_middle_or_a_cut_image_is_none(centre):
+    k = (500.0, 0.0, centre[0], 0.0, 510.0, centre[1], 0.0, 0.0, 1.0)
+    assert (camera_from_info(info(k=k)).cx_px, camera_from_info(info(k=k)).cy_px) == centre
 
 
 def test_the_centre_of_a_part_that_is_cut_out_may_lie_anywhere():
