@@ -12,7 +12,7 @@ import zlib
 
 from convseq_ros.app.match_picture import answer_picture
 from convseq_ros.app.pipeline import Pipeline
-from convseq_ros.cli.options import add_config, chosen_config, warn
+from convseq_ros.cli.options import add_config, chosen_config, note, warn
 from convseq_ros.cli.outputs import add_output
 from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -55,6 +55,8 @@ def run(chosen: argparse.Namespace) -> int:
         recognizer = pipeline.recognizer
         frames = list(_frames(chosen.images, recognizer, chosen.camera_info))
         matches = [recognizer.process(frame) for frame in frames]
+        for line in pipeline.cameras.notes:
+            note(line)
         for line in pipeline.cameras.problems:
             warn(line)
         pose = _pose(matches, recognizer)
