@@ -121,26 +121,38 @@ def _is_jump(before: tuple[int, Pose], after: tuple[int, Pose]) -> bool:
     return distance_m > ROBOT.fastest_mps * duration_s
 
 
-def axes_problem(poses: Iterable[Pose]) -> str:
-    """
-    Return one line if poses in a row move along their own z, as those of a lens; else nothing.
+class AxesCheck:
+    """Sums up along which of their own axes poses in a row move, in steps of at least 0.5 m."""
 
-    Motion is summed up along the axes in steps of at least 0.5 m, so shivering is none.
-    """
-    last, moved_m = None, np.zeros(3)
+    def __init__(self) -> None:
+        self._last: Pose | None = None
+        self._moved_m = np.zeros(3)
+
+    def add(self, pose: Pose) -> None:
+        """Take in the next pose; shivering is no motion."""
+        last = self._last = self._last or pose
+        if math.dist(pose.position, last.position) >= _STEP_M:
+            step = np.subtract(pose.position, last.position)
+            self._moved_m += abs(matrix(last)[:3, :3].T @ step)
+            self._last = pose
+
+    def problem(self, least_m: float = _LEAST_M) -> str:
+        """Return one line if poses move along z, at least so far, as those of a lens; else ''."""
+        x, y, z = self._moved_m.tolist()
+        if z < max(least_m, x + y):
+            return ''
+        return (
+            f'poses move along their own z ({z:.0f} of {x + y + z:.0f} m), as those of a lens, '
+            'and not along x, as those of a robot'
+        )
+
+
+def axes_problem(poses: Iterable[Pose]) -> str:
+    """Return the line of `AxesCheck` on all poses of a drive, if there is one."""
+    check = AxesCheck()
     for pose in poses:
-        last = last or pose
-        step = np.subtract(pose.position, last.position)
-        if np.linalg.norm(step) >= _STEP_M:
-            moved_m += abs(matrix(last)[:3, :3].T @ step)
-            last = pose
-    x, y, z = moved_m.tolist()
-    if z < max(_LEAST_M, x + y):
-        return ''
-    return (
-        f'poses move along their own z ({z:.0f} of {x + y + z:.0f} m), as those of a lens, '
-        'and not along x, as those of a robot'
-    )
+        check.add(pose)
+    return check.problem()
 
 
 def is_far(position: Iterable[float]) -> bool:

@@ -217,6 +217,17 @@ def test_odometry_of_another_frame_waits_for_tf_and_is_then_carried_or_left_out(
     assert soon.pose_at(2 * SECOND).position == (1.0, 2.0, 0.0) and not soon.warning.called
 
 
+def test_odometry_in_axes_of_a_lens_is_told_after_20_m(tracked):
+    one = tracked()
+    for step in range(21):
+        assert not one.warning.called
+        message = odometry(0, (1 + step) * SECOND)
+        message.pose.pose.position.z = float(step)
+        one.odometry._subscription.hear(message)
+    assert 'poses move along their own z (20 of 20 m)' in one.warning.call_args.args[0]
+    assert one.warning.call_args.kwargs['once']
+
+
 LENS = SimpleNamespace(x=-0.5, y=0.5, z=-0.5, w=0.5)  # x right, y down, z ahead: REP-103
 
 

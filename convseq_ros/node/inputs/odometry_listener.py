@@ -9,12 +9,13 @@ from convseq_ros.core.types import Pose
 from convseq_ros.node.inputs.listener import ListeningNode
 from convseq_ros.node.inputs.odometry_subscription import OdometrySubscription
 from convseq_ros.sources.mount import OdometryFrame
-from convseq_ros.sources.pose_track import LONGEST_GAP_NS, PoseTrack
+from convseq_ros.sources.pose_track import AxesCheck, LONGEST_GAP_NS, PoseTrack
 
 _DEPTH = 200  # messages of odometry that may wait
 _KEPT = 20_000
 _VAIN_WAITS = 3  # after which images wait no more, until odometry comes
 _MANY = 20  # images in a row without a pose that are worth a warning
+_CLIMBED_M = 20.0  # along z, and no less than otherwise, that a robot does not drive
 
 
 class OdometryListener:
@@ -31,7 +32,7 @@ class OdometryListener:
         self._changed, self._in_vain, self._in_a_row = Condition(), 0, 0
         self._on_pose: Callable[[int, str], None] = lambda _stamp_ns, _frame_id: None
         self._node = node
-        self._track = PoseTrack(kept=_KEPT)
+        self._track, self._axes = PoseTrack(kept=_KEPT), AxesCheck()
         self._subscription = OdometrySubscription(node, frame, self._on_odometry, _DEPTH)
 
     def tell(self, on_pose: Callable[[int, str], None]) -> None:
@@ -100,4 +101,8 @@ class OdometryListener:
             self._changed.notify()
         if problem:
             self._node.get_logger().warning(f'{self.topic}: {problem}', once=True)
+        self._axes.add(pose)
+        if line := self._axes.problem(_CLIMBED_M):
+            remedy = f'{line}; publish those of the base, x ahead'
+            self._node.get_logger().warning(f'{self.topic}: {remedy}', once=True)
         self._on_pose(stamp_ns, frame_id)
