@@ -149,8 +149,8 @@ def camera_from_info(message: Any) -> Camera | None:
     if not is_cut and (is_scaled or max(map(abs, aside)) > 0.5 - _RIM):
         raise SourceError(
             f'camera_info: the centre of the lens is at {cx:g}, {cy:g} px of {width} x {height}, '
-            'far from the middle: K is of another size, or part of the image is cut off; scale K, or '
-            'set roi'
+            'far from the middle: K is of another size, or part of the image is cut off; scale '
+            'K, or set roi'
         )
     return Camera(width, height, fx, fy, cx, cy, model, distortion)
 
