@@ -75,6 +75,7 @@ def test_distortion_that_cannot_be_inverted_leaves_no_wrong_ray():
 
 UNUSABLE = [
     {'fx_px': math.nan}, {'fy_px': 0.0}, {'cx_px': math.inf}, {'width_px': 0}, {'width_px': -1},
+    {'width_px': 10**400},
     {'distortion_model': 'plumb_bob', 'distortion': (math.nan, 0, 0, 0)},
     {'distortion_model': 'equidistant', 'distortion': (0.1,)},
     {'distortion_model': 'unheard of', 'distortion': (0.1, 0, 0, 0)},

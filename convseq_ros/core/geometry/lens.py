@@ -22,7 +22,10 @@ class LENS:
 def is_usable(camera: Camera) -> bool:
     """Return whether a camera's parameters are finite, positive and of a supported model."""
     sizes = camera.width_px, camera.height_px, camera.fx_px, camera.fy_px
-    numbers = np.array([*sizes, camera.cx_px, camera.cy_px, *camera.distortion], np.float64)
+    try:
+        numbers = np.array([*sizes, camera.cx_px, camera.cy_px, *camera.distortion], np.float64)
+    except OverflowError:  # an integer, in a map's JSON, beyond all floats
+        return False
     lengths = COEFFICIENTS.get(camera.distortion_model, ())
     is_known = not camera.distortion or len(camera.distortion) in lengths
     return is_known and bool(np.isfinite(numbers).all()) and min(sizes) > 0
