@@ -23,10 +23,10 @@ from convseq_ros.core.map.session_slice import joined, required_slices, SessionS
 from convseq_ros.core.map.writer import refuse_existing, rewrite, save_map
 from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import MapError, printable
-from convseq_ros.io.output_file import ANY, FIGURE
+from convseq_ros.io.output_file import ANY, FIGURE, OutputFile
 from convseq_ros.io.regular_file import write_lines
 from convseq_ros.pose_graph.edges import Poses
-from convseq_ros.pose_graph.lines import tum, write_g2o
+from convseq_ros.pose_graph.lines import beside, tum, write_g2o
 from convseq_ros.pose_graph.stored import solved
 
 
@@ -51,6 +51,8 @@ def run(chosen: argparse.Namespace) -> None:
     """Link the places that are not linked yet, or all, store the links, and make the outputs."""
     if chosen.output:
         refuse_existing(chosen.output)
+    if chosen.g2o:
+        OutputFile('--g2o', beside(chosen.g2o)).refuse(filter(None, (chosen.map, chosen.tum)))
     if chosen.again or not_linked(open_map(chosen.map)):
         rewrite(chosen.map, partial(_linked, chosen))
     _make_outputs(chosen, open_map(chosen.map))

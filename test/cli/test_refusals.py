@@ -93,6 +93,8 @@ CASES = [
     (f'{REPLAY} --tum poses.txt', '--tum: poses.txt', OTHER),
     (f'{REPLAY} --report mine.html', '--report: mine.html', OTHER),
     ('map link m.db --g2o poses.txt', '--g2o: poses.txt', OTHER),
+    ('map link m.db --g2o mine', '--g2o: mine.csv', OTHER),
+    ('map link m.db --g2o a --tum a.csv', '--g2o: a.csv', ANOTHER),
     ('info m.db --picture drive/001.png', '--picture: drive/001.png', OTHER),
     ('locate drive/000.png --map m.db --picture other.png', '--picture: other.png', OTHER),
 ]
