@@ -68,6 +68,7 @@ def _commands(path: Path, drive: Path) -> dict[str, list[str]]:
         'info': ['info', str(path)],
         'replay': [*replay, 'preloaded'],
         'online': [*replay, 'online'],
+        'split': ['map', 'split', str(path), '-o', str(path.parent)],
         'append': ['build-map', str(drive), str(path), '--append', *_SIZE],
     }
 
