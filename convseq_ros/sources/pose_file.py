@@ -63,7 +63,7 @@ def read_pose_file(
                 f'quaternion) or {_KITTI[0]} (KITTI: a 3 x 4 matrix) in every line; {_CONVERTERS}'
             )
         try:
-            stamped.append(_tum(words[:8]) if size in _TUM else (number, _kitti(words[:12])))
+            stamped.append(_tum(words) if size in _TUM else (number, _kitti(words[:12])))
         except ValueError as error:
             raise SourceError(f'{where}: {str(error)[:200]}') from None
     if size in _TUM:
@@ -127,7 +127,7 @@ def _tum(words: list[str]) -> tuple[int, Pose]:
         is_stamp = False
     if not is_stamp:
         raise ValueError(f'{words[0][:80]} is not a stamp in seconds')
-    x, y, z, *turn = _numbers(words[1:]).tolist()
+    x, y, z, *turn = _numbers(words[1:])[:7].tolist()
     _refuse_far(x, y, z)
     length = math.hypot(*turn)
     if not length:

@@ -132,6 +132,7 @@ def test_a_kitti_rotation_keeps_its_axis_and_angle(tmp_path_factory, numbers):
         ((AHEAD, '-' + AHEAD), 'line 2: its first three columns are not a rotation'),
         ((AHEAD,), '1 poses for 2 images'),
         (('1 0 0 0 0 0 0 0',), 'line 1: the quaternion is zero'),
+        (('1 2 0 0 1 0 0 0 a.png',), "line 1: .* to float: 'a.png'"),  # AirSim's, without a head
         (('-1 0 0 0 0 0 0 1',), 'line 1: -1 is not a stamp'),
         (('1e99 0 0 0 0 0 0 1',), 'line 1: 1e99 is not a stamp'),
         (('1e99999999 0 0 0 0 0 0 1',), 'line 1: 1e99999999 is not a stamp'),
