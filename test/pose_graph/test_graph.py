@@ -132,6 +132,17 @@ def test_a_covariance_of_odometry_that_is_absurd_refuses_no_closure(growth):
     assert error_m(graph) < 5
 
 
+def test_odometry_is_believed_to_a_centimetre_after_a_metre_and_not_where_it_says_inf():
+    config = PoseGraphConfig(graph_spacing_m=0.9)
+    graph = PoseGraph(config)
+    for step in range(11):
+        told = math.inf if step == 5 else 1e-20 * step
+        graph.add_odometry(stamp(step), pose(float(step)), (told, told))
+    told_m2 = 8 * 0.01**2 + 2 * config.odometry_sigma_m**2
+    told_rad2 = 8 * 0.005**2 + 2 * config.odometry_sigma_rad**2
+    assert graph.running.spread[-1] == pytest.approx((told_m2, told_rad2))
+
+
 # Bad input.
 
 
