@@ -233,7 +233,7 @@ LENS = SimpleNamespace(x=-0.5, y=0.5, z=-0.5, w=0.5)  # x right, y down, z ahead
 
 class Buffer:
     def __init__(self):
-        self.known, self.asked, self.stamp_ns = False, 0, 0
+        self.known, self.asked, self.stamp_ns, self.turn = False, 0, 0, LENS
 
     def can_transform(self, target, source, _time):
         self.asked += 1
@@ -241,7 +241,7 @@ class Buffer:
 
     def lookup_transform(self, *_frames):
         at = SimpleNamespace(x=0.3, y=0.0, z=1.2)
-        moved = SimpleNamespace(translation=at, rotation=LENS)
+        moved = SimpleNamespace(translation=at, rotation=self.turn)
         header = SimpleNamespace(stamp=stamp_from_ns(self.stamp_ns))
         return SimpleNamespace(header=header, transform=moved)
 
@@ -249,7 +249,7 @@ class Buffer:
 @pytest.fixture
 def node():
     said = []
-    logger = SimpleNamespace(info=said.append)
+    logger = SimpleNamespace(info=said.append, warning=said.append)
     return SimpleNamespace(get_logger=lambda: logger, said=said)
 
 
@@ -273,6 +273,13 @@ def test_a_lens_frame_that_looks_ahead_gives_a_mount_without_rotation(node, moun
     asked = mount._buffer.asked
     assert mount.of('lens') is pose and mount._buffer.asked == asked and len(node.said) == 1
     assert mount.of('another') is None
+
+
+def test_a_frame_of_a_body_is_no_mount_with_one_line(node, mount):
+    mount._buffer.turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)  # as Gazebo's camera_link
+    assert mount.of('lens') is None and mount.of('lens') is None
+    (line,) = node.said
+    assert line.startswith('lens is no optical frame') and 'straight up' in line
 
 
 def test_only_a_frame_that_does_not_move_on_the_robot_carries_odometry(mount):
