@@ -10,6 +10,7 @@ from unittest.mock import Mock
 
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.node.conversions import stamp_from_ns
+from convseq_ros.node.inputs.camera_description import CameraDescription
 from convseq_ros.node.inputs.camera_mount import Mount
 from convseq_ros.node.inputs.following_subscription import FollowingSubscription
 from convseq_ros.node.inputs.odometry_listener import OdometryListener
@@ -105,6 +106,17 @@ def test_latched_camera_info_sent_before_the_start_is_received(client, vpr, map_
     # One that keeps nothing is heard beside it.
     client.camera(CameraInfo, '/camera_info').publish(camera_info(width=0))
     client.wait_for(lambda: not camera.is_calibrated)
+
+
+def test_camera_info_of_other_proportions_is_left_out_with_one_line(monkeypatch):
+    monkeypatch.setattr(FollowingSubscription, 'start', lambda _self: None)
+    node = Mock()
+    described = CameraDescription(node, Mock(of=lambda _frame: None))
+    described._on_camera_info(camera_info(height=90))
+    assert described.for_image(120, 160) is None and described.for_image(120, 160) is None
+    (line,) = [call.args[0] for call in node.get_logger().warning.call_args_list]
+    assert 'camera_info is of 160 x 90 px, and images of 160 x 120 px have other prop' in line
+    assert described.for_image(180, 320).fx_px == 200
 
 
 class Tracked:
