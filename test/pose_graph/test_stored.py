@@ -67,6 +67,15 @@ def test_a_graph_from_the_map_goes_on_where_the_killed_one_was(stored):
     assert graph.known[late.key].kept
 
 
+def test_odometry_of_the_map_is_believed_as_its_variances_say():
+    made = ReferenceMap()
+    made.begin_session(stamp(0))
+    for step in range(6):
+        at = replace(pose_of(TRUE[step]), variances=(4.0 * step, 0.01 * step))
+        made.trail.add(Keyframe(made.sessions[0].id, stamp(step), at))
+    assert graph_of(made, CONFIG).running.spread[-1] == pytest.approx((20.0, 0.05))
+
+
 def test_odometry_that_began_anew_or_comes_late_is_another_drive(stored):
     end = len(DRIFTED) - 20
     for poses, after_ns in ((DRIFTED, NEXT_DAY), (DRIFTED[60:], stamp(end) - stamp(0))):
