@@ -16,7 +16,7 @@ from bench.torture.forked import ended
 
 _WORDS = (
     b'caf\xe9', b'two\nlines', b"it's", b'a b', b'/a//b', b'd epth', b'1a', b'{', b'~', b'',
-    b'x' * 3000,
+    b'x' * 3000, b'0x' + b'f' * 4000,
 )  # fmt: skip
 _PLACE = b'@'  # of the word
 _COMMANDS = (
@@ -27,9 +27,10 @@ _COMMANDS = (
     'replay drive --map made.db --output @', 'locate @ --map made.db', 'map rename made.db 0 @',
     'map link @', 'report @', 'evaluate @',
 )  # fmt: skip
-_OF_NODES = '-p image_topics:=@', '-r image:=@', '-p @:=1'
-_OF_TOPICS = b'caf\xe9', b'two\nd-epth', b"it's", b'/a//b', b'd-epth', b'1a', b'{'  # of no topic
-_STREAMS = '', '', '>&-', '2>&-', '>&- 2>&- <&-', '> /dev/full', '2> /dev/full', '| true', 'ulimit'
+_OF_NODES = '-p image_topics:=@', '-r image:=@', '-p @:=1', '-p max_wait_s:=@'
+_OF_TOPICS = b'caf\xe9', b'two\nd-epth', b"it's", b'/a//b', b'd-epth', b'1a', b'{', _WORDS[-1]
+_STREAMS = '', '', '>&-', '2>&-', '>&- 2>&- <&-', '> /dev/full', '2> /dev/full', '| true'
+_LIMITS = 'ulimit -f 1', 'ulimit -n 14'  # a file of 1 kB; 14 files
 _CONVSEQ = sys.executable, '-m', 'convseq_ros.cli'
 _NODE = sys.executable, '-m', 'convseq_ros.node', '--ros-args'
 
@@ -46,7 +47,7 @@ def odd_words(count: int, seed: int, folder: Path) -> Iterator[Try]:
         is_node = draw.random() < 0.3
         words = draw.choice(_OF_NODES if is_node else _COMMANDS)
         odd = draw.choice(_OF_TOPICS if is_node else _WORDS)
-        stream = '' if is_node else draw.choice(_STREAMS)
+        stream = '' if is_node else draw.choice((*_STREAMS, *_LIMITS))
         arguments = [word.replace(_PLACE, odd) for word in words.encode().split()]
         problem = _problem([*(_NODE if is_node else _CONVSEQ), *arguments], stream)
         for left in {*folder.iterdir()} - {folder / 'drive', folder / 'made.db'}:
@@ -57,7 +58,8 @@ def odd_words(count: int, seed: int, folder: Path) -> Iterator[Try]:
 
 def _problem(command: list[str | bytes], stream: str) -> str:
     """Run a command with a stream or limit as bash writes it; return what was wrong."""
-    line = 'ulimit -f 1; "$@"' if stream == 'ulimit' else f'set -o pipefail; "$@" {stream}'
+    is_limit = stream in _LIMITS
+    line = f'{stream}; "$@"' if is_limit else f'set -o pipefail; "$@" {stream}'
     end = ended(lambda: os.execvp('bash', ['bash', '-c', line, 'bash', *command]))
     if end.problem and not ('2>' in stream and end.code == 1 and not end.told):
         return end.problem
@@ -66,6 +68,6 @@ def _problem(command: list[str | bytes], stream: str) -> str:
     is_map = b'build-map' in command and b'map.db' in command
     if is_map and end.code == 0 and not Path('map.db').exists():
         return 'no map, exit 0'
-    if stream == 'ulimit' and re.search('^[^:]*: File too large$', end.told, re.MULTILINE):
+    if is_limit and re.search('^[^:]*: File too large$', end.told, re.MULTILINE):
         return f'the file is not named: {end.told}'
     return ''
