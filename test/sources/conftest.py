@@ -8,17 +8,10 @@ import numpy as np
 import pytest
 
 LAYOUTS = (
-    'mcap folder',
-    'sqlite3 folder',
-    'ros1 bag',
-    'mcap zstd',
-    'mcap lz4',
-    'mcap without chunks',
-    'mcap folder zstd',
-    'mcap folder compressed messages',
-    'sqlite3 folder compressed messages',
-    'sqlite3 folder compressed file',
-)
+    'mcap folder', 'mcap folder zstd', 'mcap folder compressed messages', 'mcap zstd', 'mcap lz4',
+    'mcap without chunks', 'sqlite3 folder', 'sqlite3 folder compressed messages',
+    'sqlite3 folder compressed file', 'ros1 bag',
+)  # fmt: skip
 
 
 @pytest.fixture

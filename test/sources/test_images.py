@@ -3,6 +3,7 @@
 """Every encoding against a known picture, in grey and colour, and all that can be wrong."""
 
 from array import array
+from functools import partial
 import struct
 from types import SimpleNamespace
 import zlib
@@ -22,6 +23,7 @@ import numpy as np
 import pytest
 
 BLUE, GREEN, RED = 200, 90, 30
+as_array, as_numpy = partial(array, 'B'), partial(np.frombuffer, dtype=np.uint8)
 GRAY_OF_COLOUR = round(0.114 * BLUE + 0.587 * GREEN + 0.299 * RED)
 MOSAICS = {'rggb': 'RGGB', 'bggr': 'BGGR', 'gbrg': 'GBRG', 'grbg': 'GRBG'}
 
@@ -31,14 +33,12 @@ def message(pixels, encoding, bigendian=0, padding=0, container=bytes):
     height, width = pixels.shape[:2]
     rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(height, -1)
     rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
-    data = rows.tobytes()
+    return fields_of(height, width, encoding, container(rows.tobytes()), rows.shape[1], bigendian)
+
+
+def fields_of(height, width, encoding, data, step, bigendian=0):
     return SimpleNamespace(
-        height=height,
-        width=width,
-        encoding=encoding,
-        is_bigendian=bigendian,
-        step=rows.shape[1],
-        data=array('B', data) if container is array else container(data),
+        height=height, width=width, encoding=encoding, data=data, step=step, is_bigendian=bigendian
     )
 
 
@@ -57,7 +57,7 @@ def mosaic(pattern, bgr):
 
 
 @pytest.mark.parametrize('padding', [0, 5])
-@pytest.mark.parametrize('container', [bytes, array, lambda data: np.frombuffer(data, np.uint8)])
+@pytest.mark.parametrize('container', [bytes, as_array, as_numpy])
 @pytest.mark.parametrize('encoding', ['mono8', '8UC1'])
 def test_gray_encodings_keep_every_pixel(encoding, container, padding):
     gray = noise(7, 9)
@@ -137,10 +137,7 @@ def test_yuv422_of_a_known_colour_becomes_its_gray(encoding, order):
 def test_a_decoded_image_owns_its_memory(encoding):
     size = ENCODINGS[encoding].bytes_per_pixel
     data = bytearray(noise(6, 8 * size).tobytes())
-    fields = SimpleNamespace(
-        height=6, width=8, encoding=encoding, is_bigendian=0, step=8 * size, data=data
-    )
-    decoded = gray_of(image_pixels(fields))
+    decoded = gray_of(image_pixels(fields_of(6, 8, encoding, data, 8 * size)))
     before = decoded.copy()
     data[:] = bytes(len(data))
     np.testing.assert_array_equal(decoded, before)
@@ -184,12 +181,8 @@ def test_wrong_fields_are_named_with_value_and_remedy_in_one_line(changes, words
     encoding=st.sampled_from([*ENCODINGS, 'bogus']),
     bigendian=st.integers(0, 1),
 )
-def test_any_fields_give_an_image_of_that_size_or_an_image_error(
-    height, width, step, data, encoding, bigendian
-):
-    fields = SimpleNamespace(
-        height=height, width=width, step=step, data=data, encoding=encoding, is_bigendian=bigendian
-    )
+def test_any_fields_give_that_size_or_an_error(height, width, step, data, encoding, bigendian):
+    fields = fields_of(height, width, encoding, data, step, bigendian)
     try:
         assert gray_of(image_pixels(fields)).shape == (height, width)
     except ImageError as error:
@@ -211,23 +204,18 @@ def test_png_is_exact_in_either_spelling_of_the_format(name):
 
 
 @pytest.mark.parametrize('name', ['jpeg', 'jpg', 'bgr8; jpeg compressed bgr8'])
-@pytest.mark.parametrize('container', [bytes, lambda data: array('B', data)])
+@pytest.mark.parametrize('container', [bytes, as_array])
 def test_jpeg_is_close_in_either_spelling_of_the_format(name, container):
     bgr = smooth(40, 50, 3)
     data = cv2.imencode('.jpg', bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
     decoded = gray_of(compressed_pixels(SimpleNamespace(format=name, data=container(data))))
     assert np.abs(decoded.astype(int) - gray_of(bgr)).mean() < 2
-    assert decoded.flags.c_contiguous
-    assert decoded.flags.owndata
-
-
-def exif(orientation):
-    tiff = b'II*\x00\x08\x00\x00\x00' + struct.pack('<HHHIHHI', 1, 0x112, 3, 1, orientation, 0, 0)
-    return b'Exif\x00\x00' + tiff
+    assert decoded.flags.c_contiguous and decoded.flags.owndata
 
 
 def with_exif(jpeg, orientation):
-    block = exif(orientation)
+    entry = struct.pack('<HHHIHHI', 1, 0x112, 3, 1, orientation, 0, 0)
+    block = b'Exif\x00\x00II*\x00\x08\x00\x00\x00' + entry
     return jpeg[:2] + b'\xff\xe1' + struct.pack('>H', len(block) + 2) + block + jpeg[2:]
 
 
@@ -260,10 +248,8 @@ def test_a_jpeg_that_lacks_its_last_block_or_scan_is_cut():
 
 @pytest.mark.parametrize(
     ('name', 'data'),
-    [
-        ('h264', b'123'), ('bgr8; AVIF compressed', b'123'), ('jpeg', b'\0\0\0\1\x67'),
-        ('', b'\0\0\1\x67'),
-    ],
+    [('h264', b'123'), ('bgr8; AVIF compressed', b'123'), ('jpeg', b'\0\0\0\1\x67'),
+     ('', b'\0\0\1\x67')],
 )  # fmt: skip
 def test_video_is_refused_by_name_or_content_with_the_remedy(name, data):
     with pytest.raises(FormatError, match=f'^format: {name!r} is video.*image_transport repub'):

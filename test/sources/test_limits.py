@@ -3,7 +3,6 @@
 """Every limit of what is read is a parameter; the line when it bites tells what to set."""
 
 import argparse
-from dataclasses import replace
 from importlib import import_module
 import re
 from types import SimpleNamespace
@@ -33,18 +32,17 @@ CALIBRATION = 'P0: 700 0 320 0 0 700 240 0 0 0 1 0\n'
 DATA_SET = 'name: a\nquery: {path: a}\nreference: {path: b}\ntruth: {kind: identity}\n'
 IMAGE = np.full((512, 512), 255, np.uint8)
 IMAGE[::2, 0] = 254
+MESSAGE = {'height': 512, 'width': 512, 'encoding': 'mono8', 'is_bigendian': 0, 'step': 512}
+MESSAGE['data'] = IMAGE
 
 
 def text_of(content):
     return lambda path: path.write_text(content)
 
 
-def array_of(content):
-    def write(path):
-        with path.open('wb') as file:
-            np.save(file, content)
-
-    return write
+def array(path):
+    with path.open('wb') as file:
+        np.save(file, np.ones((60, 60)))
 
 
 def picture(path):
@@ -56,53 +54,34 @@ def naming(mask, reading):
     return Config(encoding=EncodingConfig(image_mask=str(mask)), reading=reading)
 
 
-def folder_of_pictures(path):
-    path.mkdir()
-    picture(path / '1.png')
-
-
 PADDING_JSON = '{"set": "a", "method": "b", "protocol_version": 2}' + ' ' * 300
-
-
 WHOLE_FILES = {
     'parameters': (text_of(PADDING + '/**:\n  ros__parameters: {}\n'), read_parameter_file),
     'data set': (text_of(PADDING + DATA_SET), lambda p, r: open_data_set(f'{p}', reading=r)),
-    'calibration': (
-        text_of(PADDING + CALIBRATION),
-        lambda path, reading: read_camera_file(path, 480, 640, reading),
-    ),
-    'poses': (
-        text_of('1 0 0 0 0 0 0 1\n' * 20),
-        lambda path, reading: read_pose_file(path, 20, reading),
-    ),
+    'calibration': (text_of(PADDING + CALIBRATION), lambda p, r: read_camera_file(p, 480, 640, r)),
+    'poses': (text_of('1 0 0 0 0 0 0 1\n' * 20), lambda p, r: read_pose_file(p, 20, r)),
     'pairs': (
         text_of('query,reference\n' + '0,0\n' * 60),
-        lambda path, reading: read_pairs(path, ['a'], ['b'], reading=reading),
+        lambda p, r: read_pairs(p, ['a'], ['b'], reading=r),
     ),
     'positions': (
         text_of('x,y\n' + '0,0\n' * 60),
-        lambda path, reading: read_positions(path, 'query', ['a.png'] * 60, reading),
+        lambda p, r: read_positions(p, 'query', ['a.png'] * 60, r),
     ),
-    'scores': (array_of(np.ones((60, 60))), lambda p, r: read_scores(p, 60, 60, reading=r)),
-    'descriptors': (array_of(np.ones((60, 60))), lambda p, r: read_descriptors(p, 60, r)),
-    'summary': (text_of(PADDING_JSON), lambda path, reading: read_summaries([path], reading)),
-    'mask': (picture, lambda path, reading: read_mask(naming(path, reading))),
+    'scores': (array, lambda p, r: read_scores(p, 60, 60, reading=r)),
+    'descriptors': (array, lambda p, r: read_descriptors(p, 60, r)),
+    'summary': (text_of(PADDING_JSON), lambda p, r: read_summaries([p], r)),
+    'mask': (picture, lambda p, r: read_mask(naming(p, r))),
 }
 
 
-def line_of(read, reading):
-    """Return the parameter and the value that a refusal tells."""
+def refused_then_read(name, read):
+    """Read with the least limit, which is refused, and with the one that the refusal tells."""
     with pytest.raises(ConvseqError) as caught:
-        read(reading)
+        read(ReadingConfig(**{name: LEAST[name]}))
     found = LINE.search(str(caught.value))
-    assert found, caught.value
-    return found[1], float(found[2])
-
-
-def refused_then_read(name, read, others=ReadingConfig(), least=None):
-    told, value = line_of(read, replace(others, **{name: least or LEAST[name]}))
-    assert told == name
-    read(replace(others, **{name: value}))
+    assert found and found[1] == name, caught.value
+    read(ReadingConfig(**{name: float(found[2])}))
 
 
 @pytest.mark.parametrize('kind', WHOLE_FILES)
@@ -125,17 +104,12 @@ def first_picture(folder, reading):
     [
         first_picture,
         lambda path, reading: read_mask(naming(path / '1.png', reading)),
-        lambda _, reading: image_pixels(
-            SimpleNamespace(
-                height=512, width=512, encoding='mono8', step=512, is_bigendian=0, data=IMAGE
-            ),
-            reading,
-        ),
+        lambda _, reading: image_pixels(SimpleNamespace(**MESSAGE), reading),
     ],
 )
 def test_the_pixel_limit_in_the_error_lets_the_image_be_read(tmp_path, read):
-    folder_of_pictures(tmp_path / 'pictures')
-    refused_then_read('max_image_mpx', lambda reading: read(tmp_path / 'pictures', reading))
+    picture(tmp_path / '1.png')
+    refused_then_read('max_image_mpx', lambda reading: read(tmp_path, reading))
 
 
 def test_the_error_suggests_no_limit_above_the_parameters_maximum():

@@ -8,7 +8,7 @@ import re
 import sys
 from types import SimpleNamespace
 
-from convseq_ros.core.types import Frame, Pose
+from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.sources import in_order, open_annotated
 from convseq_ros.sources.annotated_frames import AnnotatedFrames
@@ -42,8 +42,7 @@ def file(tmp_path):
 
 def test_the_axes_of_kitti_become_those_of_a_robot(file):
     pose_at = read_pose_file(file(AHEAD, '', RIGHT), 2)
-    assert pose_at(0, 0).position == (2.5, 0.0, 0.0)
-    assert pose_at(0, 0).orientation == (0.0, 0.0, 0.0, 1.0)
+    assert pose_at(0, 0) == pose(2.5)
     assert pose_at(1, 0).position == (0.0, -1.0, -3.0)
     marked = read_pose_file(file(f'\ufeff{AHEAD}'), 1)  # as some editors of Windows save it
     assert marked(0, 0) == pose_at(0, 0)
@@ -53,14 +52,9 @@ def test_the_axes_of_kitti_become_those_of_a_robot(file):
 
 
 def test_stamps_of_tum_are_exact_and_frames_lie_between_them(file):
-    pose_at = read_pose_file(
-        file(
-            '# timestamp tx ty', '1700000000.000000003 2 0 0 0 0 0 2', '1700000000.5 1 0 0 0 0 0 1'
-        ),
-        7,
-    )
-    assert pose_at(0, 1_700_000_000_000_000_003).position == (2.0, 0.0, 0.0)
-    assert pose_at(0, 1_700_000_000_000_000_003).orientation == (0.0, 0.0, 0.0, 1.0)
+    lines = '1700000000.000000003 2 0 0 0 0 0 2', '1700000000.5 1 0 0 0 0 0 1'
+    pose_at = read_pose_file(file('# timestamp tx ty', *lines), 7)
+    assert pose_at(0, 1_700_000_000_000_000_003) == pose(2)
     assert pose_at(9, 1_700_000_000_250_000_001).position[0] == pytest.approx(1.5)
     assert pose_at(0, 1_700_000_000_000_000_002) is None
     assert pose_at(0, 1_700_000_002_000_000_000) is None
@@ -157,13 +151,7 @@ image_height: 48
 camera_matrix: {rows: 3, cols: 3, data: [50, 0, 30, 0, 51, 20, 0, 0, 1]}
 """
 KITTI = 'P0: 50 0 30 0 0 51 20 0 0 0 1 0\nP1: 9 0 9 0 0 9 9 0 0 0 1 0'
-
-ONE_LINE = """image_width: 64
-image_height: 48
-camera_matrix: {data: [50, 0, 30, 0, 51, 20, 0, 0, 1]}
-projection_matrix:
-  data: [9, 0, 9, 0, 0, 9, 9, 0, 0, 0, 1, 0]
-"""
+ONE_LINE = CALIBRATION + 'projection_matrix:\n  data: [9, 0, 9, 0, 0, 9, 9, 0, 0, 0, 1, 0]\n'
 MATRIX = '50 0 30\n0 51 20\n0 0 1\n'
 
 
@@ -193,10 +181,7 @@ def test_frames_of_a_folder_know_their_poses_and_their_camera(folder, file, tmp_
     source = open_annotated(folder, camera_info=str(tmp_path / 'camera'), poses=file(AHEAD, RIGHT))
     first, second = source
     assert first.pose.position == (2.5, 0.0, 0.0) and second.pose.position == (0.0, -1.0, -3.0)
-    assert first.camera == second.camera
-    assert (first.camera.width_px, first.camera.height_px) == (64, 48)
-    assert (first.camera.fx_px, first.camera.fy_px) == (50.0, 51.0)
-    assert (first.camera.cx_px, first.camera.cy_px) == (30.0, 20.0)
+    assert first.camera == second.camera == Camera(64, 48, 50.0, 51.0, 30.0, 20.0)
 
 
 @pytest.mark.parametrize(
@@ -227,9 +212,7 @@ def test_a_folder_has_no_topics_and_one_source_of_poses(folder, file):
         open_annotated(folder, odom='/odom', poses=file(AHEAD, AHEAD))
 
 
-SECOND = 1_000_000_000
-
-MS = 1_000_000
+SECOND, MS = 1_000_000_000, 1_000_000  # in nanoseconds
 
 
 def degrees_of(found):
@@ -310,8 +293,7 @@ def test_poses_that_are_left_out_are_told_once(write, pictures, file, metres, co
         lines.append(f'{stamp_ns / 1e9:.9f} {x} 0 0 0 0 0 1')
     path, poses = write('mcap file', rows), file(*lines)
     for name, option in (('/odom', {'odom': '/odom'}), (poses, {'poses': poses})):
-        cameras = [open_annotated(path, **option), open_annotated(path, **option)]
-        source = in_order(cameras)
+        source = in_order([open_annotated(path, **option) for _ in range(2)])
         assert len(list(source)) == 24
         (told,) = source.warnings
         assert told.startswith(f'{name}: poses that jump faster than 40 m/s, and back or at the ')
@@ -326,11 +308,9 @@ def test_a_live_track_forgets_what_is_old():
     assert track.at(995 * MS).position[0] == 995
 
 
-def message(*orientation):
-    x, y, z, w = orientation
-    return SimpleNamespace(
-        position=SimpleNamespace(x=1, y=2, z=3), orientation=SimpleNamespace(x=x, y=y, z=z, w=w)
-    )
+def message(x, y, z, w, far_m=1):
+    position, turn = SimpleNamespace(x=far_m, y=2, z=3), SimpleNamespace(x=x, y=y, z=z, w=w)
+    return SimpleNamespace(position=position, orientation=turn)
 
 
 def test_quaternions_are_made_unit_and_impossible_ones_are_no_pose():
@@ -338,9 +318,7 @@ def test_quaternions_are_made_unit_and_impossible_ones_are_no_pose():
     assert pose_from_message(message(0, 0, 0.6, 0.8)).orientation == (0, 0, 0.6, 0.8)
     assert pose_from_message(message(0, 0, 0, 0)) is None
     assert pose_from_message(message(0, 0, math.nan, 1)) is None
-    far = message(0, 0, 0, 1)
-    far.position.x = 1e300
-    assert pose_from_message(far) is None
+    assert pose_from_message(message(0, 0, 0, 1, far_m=1e300)) is None
 
 
 def test_opposite_quaternions_are_the_same_turn():

@@ -5,6 +5,7 @@
 from dataclasses import replace
 from pathlib import Path
 import sys
+from unittest.mock import Mock
 
 from convseq_ros.cli.recording import recording_lines
 from convseq_ros.core.types import Pose
@@ -12,6 +13,7 @@ from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.sources import open_source
 from convseq_ros.sources import recording as module
 from convseq_ros.sources.recording import read_poses, Recording
+from convseq_ros.sources.topic_rank import image_rank
 from convseq_ros.sources.topics import choose_topic, Topic, typestore
 import numpy as np
 import pytest
@@ -21,9 +23,7 @@ TOPIC = '/camera/image_raw'
 
 
 def assert_frames_show(frames, pictures):
-    assert len(frames) == len(pictures)
-    for frame, picture in zip(frames, pictures, strict=True):
-        np.testing.assert_array_equal(frame.gray, picture)
+    np.testing.assert_array_equal([frame.gray for frame in frames], pictures)
 
 
 def test_every_layout_gives_the_same_frames_again_and_again(write, layout, pictures):
@@ -59,10 +59,8 @@ def test_raw_messages_are_cdr_with_time_and_type(write, layout, pictures):
 @pytest.mark.parametrize('storage', ['mcap folder', 'db3 file', 'ros1 bag'])
 @pytest.mark.parametrize('name', ['png', 'bgr8; png compressed bgr8'])
 def test_compressed_topics_are_read(write, storage, name, pictures):
-    rows = [
-        ('/camera/image_raw/compressed', i, recordings.compressed(gray, i + 1, name=name))
-        for i, gray in enumerate(pictures)
-    ]
+    images = [recordings.compressed(gray, i + 1, name=name) for i, gray in enumerate(pictures)]
+    rows = [('/camera/image_raw/compressed', i, image) for i, image in enumerate(images)]
     recording = open_source(write(storage, rows))
     assert recording.type_name == 'sensor_msgs/msg/CompressedImage'
     assert_frames_show(list(recording), pictures)
@@ -79,8 +77,7 @@ def two_cameras(pictures):
 def test_only_the_given_topic_is_read(write, wanted, pictures):
     path = write('mcap folder', two_cameras(pictures))
     recording = open_source(path, wanted)
-    assert recording.topic == '/right/image_raw'
-    assert len(recording) == 8
+    assert recording.topic == '/right/image_raw' and len(recording) == 8
     assert_frames_show(list(recording), pictures[4:])
 
 
@@ -143,8 +140,8 @@ def test_time_of_recording_stands_in_for_missing_stamps_with_one_warning(write, 
     recording = open_source(write(layout, rows))
     for _ in range(2):
         assert [frame.stamp_ns for frame in recording] == [1000 + i for i in range(12)]
-    assert len(recording.warnings) == 1
-    assert 'no stamp' in recording.warnings[0]
+    (line,) = recording.warnings
+    assert 'no stamp' in line
 
 
 def test_images_that_cannot_be_decoded_are_frames_with_a_problem(write, layout, pictures):
@@ -162,14 +159,10 @@ def test_images_that_cannot_be_decoded_are_frames_with_a_problem(write, layout, 
 @pytest.mark.parametrize('storage', ['mcap folder', 'mcap file', 'mcap without chunks'])
 def test_frames_stream_without_reading_the_rest(write, storage, pictures, monkeypatch):
     recording = open_source(write(storage, recordings.drive(pictures)))
-    decoded = []
-    monkeypatch.setattr(
-        module,
-        'message_pixels',
-        lambda message, _: decoded.append(message) or np.zeros((1, 1), np.uint8),
-    )
+    decode = Mock(return_value=np.zeros((1, 1), np.uint8))
+    monkeypatch.setattr(module, 'message_pixels', decode)
     next(iter(recording))
-    assert len(decoded) == 1
+    assert decode.call_count == 1
 
 
 @pytest.mark.parametrize('storage', ['mcap folder', 'db3 file', 'ros1 bag'])
@@ -177,9 +170,8 @@ def test_odometry_is_read_by_stamp(write, storage, pictures):
     rows = recordings.drive(pictures)
     rows += [('/odom', i, recordings.odometry(float(i), 100 - i)) for i in range(1, 6)]
     poses = read_poses(write(storage, rows), '/odom')
-    assert poses == [
-        (100 - i, Pose((float(i), 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))) for i in (5, 4, 3, 2, 1)
-    ]
+    turn = 0.0, 0.0, 0.6, 0.8
+    assert poses == [(100 - i, Pose((float(i), 2.0, 3.0), turn)) for i in (5, 4, 3, 2, 1)]
 
 
 @pytest.mark.parametrize('kind', ['PoseStamped', 'PoseWithCovarianceStamped'])
@@ -200,9 +192,7 @@ def test_pictures_beside_a_recording_are_not_mistaken_for_it(write, pictures):
 
 
 @pytest.mark.parametrize('module', ['rosbags', 'mcap'])
-def test_a_missing_library_is_reported_in_one_line_with_the_remedy(
-    write, pictures, monkeypatch, module
-):
+def test_a_missing_library_is_one_line_with_the_remedy(write, pictures, monkeypatch, module):
     path = write('mcap file', recordings.drive(pictures))
     path.write_bytes(path.read_bytes()[:-20])
     typestore.cache_clear()
@@ -211,3 +201,34 @@ def test_a_missing_library_is_reported_in_one_line_with_the_remedy(
     with pytest.raises(ConvseqError, match=f'pip install {module}') as caught:
         open_source(path)
     assert '\n' not in str(caught.value)
+
+
+# Of drivers and of what works on their images; the first of each is the one for recognition.
+REALSENSE = (
+    '/camera/color/image_raw', '/camera/infra1/image_rect_raw', '/camera/infra2/image_rect_raw',
+    '/camera/depth/image_rect_raw', '/camera/aligned_depth_to_color/image_raw',
+)  # fmt: skip
+OUSTER = (
+    '/camera/image_raw', '/ouster/nearir_image', '/ouster/signal_image', '/ouster/reflec_image',
+    '/ouster/range_image',
+)  # fmt: skip
+ZED = (
+    '/zed/rgb/image_rect_color', '/zed/left/image_rect_color', '/zed/right/image_rect_color',
+    '/zed/depth/depth_registered', '/zed/confidence/confidence_map',
+)  # fmt: skip
+KINECT = ('/rgb/image_raw', '/ir/image_raw', '/depth/image_raw', '/depth_to_rgb/image_raw')
+SIMULATOR = ('/rgb', '/depth', '/semantic_segmentation')
+DETECTOR = ('/front/image_raw', '/yolo/annotated')
+NEAR_INFRARED_ALONE = ('/lidar/nearir_image', '/lidar/range_image')
+
+
+@pytest.mark.parametrize(
+    'topics', [REALSENSE, OUSTER, ZED, KINECT, SIMULATOR, DETECTOR, NEAR_INFRARED_ALONE]
+)
+def test_the_colour_camera_is_best(topics):
+    best, *others = sorted(topics, key=image_rank)
+    assert best == topics[0] and image_rank(best) < image_rank(others[0])
+
+
+def test_cameras_of_one_kind_are_equally_good():
+    assert image_rank('/left/image_raw') == image_rank('/right/image_rect')

@@ -6,18 +6,17 @@ from convseq_ros.sources import open_annotated, open_source
 from convseq_ros.sources.recording import Recording
 import pytest
 import recordings
+from recordings import START_NS, STEP_NS
 
 TOPIC = '/camera/image_raw'
 SECOND_NS = 1_000_000_000
 
 
-def stamped(write, pictures, stamps_ns, layout='mcap file', log_step_ns=recordings.STEP_NS):
+def stamped(write, pictures, stamps_ns, layout='mcap file', log_step_ns=STEP_NS):
     """Write images with stamps, recorded a step apart; return path and times of recording."""
-    logged = [recordings.START_NS + log_step_ns * number for number in range(len(pictures))]
-    rows = [
-        (TOPIC, log_ns, recordings.image(gray, stamp_ns))
-        for gray, stamp_ns, log_ns in zip(pictures, stamps_ns, logged, strict=True)
-    ]
+    logged = [START_NS + log_step_ns * number for number in range(len(pictures))]
+    images = map(recordings.image, pictures, stamps_ns)
+    rows = [(TOPIC, *row) for row in zip(logged, images, strict=True)]
     return write(layout, rows), logged
 
 
@@ -25,10 +24,7 @@ def stamped(write, pictures, stamps_ns, layout='mcap file', log_step_ns=recordin
     ('stamps', 'told'),
     [
         ([7 * SECOND_NS + 5] * 12, 'one stamp'),
-        (
-            [recordings.START_NS + SECOND_NS * (number // 10) for number in range(12)],
-            '2 stamps of whole seconds',
-        ),
+        ([START_NS + SECOND_NS * (at // 10) for at in range(12)], '2 stamps of whole seconds'),
     ],
 )
 def test_times_of_recording_replace_constant_or_whole_second_stamps(
@@ -49,14 +45,11 @@ def test_times_of_recording_replace_constant_or_whole_second_stamps(
 @pytest.mark.parametrize(
     ('stamps', 'log_step_ns'),
     [
-        ([recordings.START_NS + SECOND_NS * number for number in range(12)], recordings.STEP_NS),
+        ([START_NS + SECOND_NS * at for at in range(12)], STEP_NS),
         # A driver that sends each image twice.
-        (
-            [recordings.START_NS + recordings.STEP_NS * (number // 2) + 1 for number in range(12)],
-            recordings.STEP_NS,
-        ),
+        ([START_NS + STEP_NS * (at // 2) + 1 for at in range(12)], STEP_NS),
         ([7 * SECOND_NS] * 12, 0),  # times of recording tell no more
-        ([7 * SECOND_NS] * 2, recordings.STEP_NS),  # two are too few to tell
+        ([7 * SECOND_NS] * 2, STEP_NS),  # two are too few to tell
     ],
 )
 def test_other_stamps_are_kept(write, pictures, stamps, log_step_ns):
@@ -66,12 +59,10 @@ def test_other_stamps_are_kept(write, pictures, stamps, log_step_ns):
 
 
 def test_images_of_one_stamp_get_the_odometry_of_their_time(write, pictures):
-    rows = [
-        (TOPIC, recordings.START_NS + recordings.STEP_NS * i, recordings.image(gray, SECOND_NS))
-        for i, gray in enumerate(pictures)
-    ]
-    for i in range(12):
-        time_ns = recordings.START_NS + recordings.STEP_NS * i
+    rows = []
+    for i, gray in enumerate(pictures):
+        time_ns = START_NS + STEP_NS * i
+        rows.append((TOPIC, time_ns, recordings.image(gray, SECOND_NS)))
         rows.append(('/odom', time_ns, recordings.odometry(float(i), time_ns)))
     source = open_annotated(write('mcap file', rows), odom='/odom')
     assert [frame.pose.position[0] for frame in source] == list(range(12))
