@@ -23,6 +23,12 @@ def scene(place: int, seed: int = 0, size: tuple[int, int] = (160, 120)) -> np.n
     return ((cv2.resize(coarse, size) + noise / 2) * 150).astype(np.uint8)
 
 
+def corners(number: int, size: tuple[int, int] = (320, 240)) -> np.ndarray:
+    """Return a picture of any size with corners everywhere, unlike those of other numbers."""
+    noise = np.random.default_rng(number).integers(0, 256, (size[1] // 8, size[0] // 8), np.uint8)
+    return cv2.resize(noise, size, interpolation=cv2.INTER_CUBIC)
+
+
 def walls(count: int) -> list[np.ndarray]:
     """Return grey pictures (120, 160) that have nothing in common."""
     noise = np.random.default_rng(7).integers(0, 256, (count, 120, 160), np.uint8)

@@ -5,8 +5,9 @@
 from dataclasses import replace
 import math
 import sqlite3
+from unittest.mock import Mock
 
-from convseq_ros.app.map_builder import build_map
+from convseq_ros import build_map, Frame, open_map, PlaceRecognizer
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config, with_values
 from convseq_ros.core.decision.covisibility import KeypointWitness
 from convseq_ros.core.decision.expected_lead import ExpectedLead, Light
@@ -20,15 +21,14 @@ from convseq_ros.core.encoding.keypoints import (
     matched,
 )
 from convseq_ros.core.map.format import row_crc
-from convseq_ros.core.map.reader import MapReader, open_map
+from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame
 from convseq_ros.errors import MapError
 import cv2
 import numpy as np
+from pictures import corners as drawn
 from pictures import walls
 import pytest
 
@@ -38,12 +38,6 @@ STAYS = np.zeros((2, 3))  # the motion of the cells between an image and itself
 SMALL = EncodingConfig(image_size_px=128)
 SHOWN = describe(walls(1)[0], SMALL)
 OWN = make_config({'image_size_px': 128, 'keyframe_overlap': 1.0})
-
-
-def drawn(number, size=(320, 240)):
-    """Return a grey picture with corners everywhere, unlike those of other numbers."""
-    noise = np.random.default_rng(number).integers(0, 256, (size[1] // 8, size[0] // 8), np.uint8)
-    return cv2.resize(noise, size, interpolation=cv2.INTER_CUBIC)
 
 
 def keypoints(gray, most=300):
@@ -107,11 +101,10 @@ def test_a_keypoint_is_stored_in_34_bytes():
 
 def pairs_of(query, place):
     """Return which keypoints of two images match, by their order."""
-    query, place = (
-        Keypoints(np.column_stack((np.arange(len(one.bits)),) * 2) / 256, one.bits)
-        for one in (query, place)
+    numbered = (
+        Keypoints(np.indices((len(one.bits), 2))[0] / 256, one.bits) for one in (query, place)
     )
-    return (matched(query, place)[:, ::2] * 256).tolist()
+    return (matched(*numbered)[:, ::2] * 256).tolist()
 
 
 def blocks(query, place, motion=STAYS):
@@ -339,20 +332,17 @@ def test_each_session_has_a_light_of_its_own_and_the_running_drive_is_in_the_sam
     assert by_day < 0.06 and by_night == pytest.approx(math.log(5), abs=0.2)
 
 
-def answers(values):
-    config = with_values(OWN, values)
-    known = build_map(frames(40), None, config)
-    recognizer = PlaceRecognizer(known, config)
-    return known, [recognizer.process(one) for one in frames(30)[10:]]
-
-
 def test_without_keypoints_cells_decide_alone_and_no_lead_is_learned(monkeypatch):
+    def answers(config):
+        recognizer = PlaceRecognizer(build_map(frames(40), None, config), config)
+        return recognizer.reference_map, [recognizer.process(one) for one in frames(30)[10:]]
+
     learned = []  # of each match that keypoints verified: whether its place is of this drive
-    learn = lambda *asked: learned.append(bool(asked[2] >= asked[3]))  # noqa: E731
+    learn = Mock(side_effect=lambda _, place, earlier: learned.append(bool(place >= earlier)))
     monkeypatch.setattr(ExpectedLead, 'learn', learn)
-    without, others = answers({'keypoints': 0})
+    without, others = answers(with_values(OWN, {'keypoints': 0}))
     assert not learned
-    known, matches = answers({})
+    known, matches = answers(OWN)
     assert {*learned} == {False} and len(learned) < sum(bool(one.accepted) for one in matches)
     assert known.keypoints(0) is not None and not without.unreadable
     assert [without.keypoints(index) for index in range(40)] == [None] * 40
@@ -364,9 +354,7 @@ def test_without_keypoints_cells_decide_alone_and_no_lead_is_learned(monkeypatch
 
 
 @pytest.mark.parametrize(('until', 'found'), [(0, False), (12, True)])
-def test_keypoints_that_never_agree_deny_matches_and_those_that_stop_do_not(
-    monkeypatch, until, found
-):
+def test_keypoints_deny_matches_if_they_never_agree_not_if_they_stop(monkeypatch, until, found):
     known = build_map(frames(60), None, OWN)
     recognizer = PlaceRecognizer(known, OWN)
     blocks, shown = KeypointWitness.blocks, []
@@ -382,12 +370,7 @@ def test_keypoints_that_never_agree_deny_matches_and_those_that_stop_do_not(
 
 
 def test_a_damaged_thumbnail_is_left_out_of_the_light(walled, monkeypatch):
-    thumbnails = {index: walled.thumbnail(index) for index in range(12) if index != 5}
-
-    def thumbnail(index):
-        if index not in thumbnails:
-            raise MapError('reference 5 fails its checksum')
-        return thumbnails[index]
-
-    monkeypatch.setattr(walled, 'thumbnail', thumbnail)
+    read = [walled.thumbnail(index) for index in range(12)]
+    read[5] = MapError('reference 5 fails its checksum')
+    monkeypatch.setattr(walled, 'thumbnail', Mock(side_effect=read))
     assert difference(Light(walled, True), frames(1)[0]) < 0.06

@@ -1,10 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sequence length and sequence scores."""
+"""Sequence length, sequence scores, and how many frames carry the evidence."""
 
 from dataclasses import replace
-from itertools import count
+from itertools import chain, count
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 from convseq_ros.config import EncodingConfig, SequenceConfig
 from convseq_ros.core.decision.paper.length import choose_length
@@ -13,6 +14,8 @@ from convseq_ros.core.graph.neighbourhood import SessionBounds
 from convseq_ros.core.sequence.query_buffer import (
     BufferedFrame,
     diagonal,
+    evidence_length,
+    novelty,
     QueryBuffer,
     sequence_scores,
 )
@@ -28,10 +31,8 @@ RULE = SequenceConfig()
 
 def runs(*values):
     """Return runs of frames that let a sequence grow, or just not."""
-    run = st.tuples(st.sampled_from(values), st.integers(1, 30))
-    return st.lists(run, max_size=3).map(
-        lambda some: [one for one, count in some for _ in range(count)]
-    )
+    run = st.builds(lambda one, count: [one] * count, st.sampled_from(values), st.integers(1, 30))
+    return st.lists(run, max_size=3).map(lambda some: [*chain.from_iterable(some)])
 
 
 def frame(entropy=0.6, informative=True):
@@ -147,32 +148,24 @@ class Given:
         self._frames, self._scores = count(), scores
 
     def extract(self, _descriptor):
-        """Return what stands for the features of a frame: its number."""
         return SimpleNamespace(frame=next(self._frames), packed=None)
 
     def scores_of(self, asked):
         return [self._scores[query.frame, indices] for query, indices in asked]
 
 
-def append(buffer):
-    buffer.append(SHOWN, REFERENCES, capacity=10)
-
-
 def filled(scores):
     matcher = Given(scores)
     buffer = QueryBuffer(matcher)
     for _ in range(len(scores)):
-        append(buffer)
+        buffer.append(SHOWN, REFERENCES, capacity=10)
         buffer.score(len(buffer), np.arange(REFERENCES))
     return matcher, buffer
 
 
 def test_frames_can_be_compared_by_the_regions_of_the_newest():
     matcher, buffer = filled(drawn(5, 3))
-    asked = []
-    matcher.extract = lambda descriptor: (
-        asked.append(descriptor) or SimpleNamespace(frame=1, packed=None)
-    )
+    matcher.extract = Mock(return_value=SimpleNamespace(frame=1, packed=None))
     some = SHOWN.salient.copy()
     some[0] = False
     buffer.frames[0] = replace(buffer.newest, descriptor=replace(SHOWN, salient=some))
@@ -180,7 +173,8 @@ def test_frames_can_be_compared_by_the_regions_of_the_newest():
     shared = buffer.with_regions_of_newest(4)
     assert shared.newest is buffer.newest and len(shared) == 4
     # The empty slot stays empty; of the others, only regions of the newest are compared.
-    assert [(one.salient == some).all() for one in asked] == [True, True]
+    asked = [one.args[0].salient for one in matcher.extract.mock_calls]
+    assert len(asked) == 2 and (np.array(asked) == some).all()
     assert [frame.features is None for frame in shared.frames] == [False, True, False, False]
     assert np.isnan(shared.frames[2].row).all() and not np.isnan(buffer.frames[2].row).any()
 
@@ -188,7 +182,7 @@ def test_frames_can_be_compared_by_the_regions_of_the_newest():
 def test_up_to_five_missing_frames_leave_gaps_and_more_empty_the_buffer():
     _, buffer = filled(drawn(0, 2))
     buffer.add_empty(5, NOTHING, 10)
-    append(buffer)
+    buffer.append(SHOWN, REFERENCES, 10)
     assert [row is None for row in buffer.rows] == [False, *[True] * 5, False, False]
     buffer.add_empty(6, NOTHING, 10)
     assert len(buffer) == 0
@@ -209,3 +203,45 @@ def test_the_best_sequence_score_is_the_mean_of_a_diagonal(seed, frames):
     assert found[: frames - 1].tolist() == [-np.inf] * (frames - 1)
     assert found.argmax() == ends[expected.argmax()]
     assert found.max() == pytest.approx(expected.max(), abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ('first', 'second', 'expected'),
+    [
+        ((4, 3), (4, 3), 0),
+        ((4, 3), (5, 0), 0.4),
+        ((3, 4), (5, 0), 0.8),
+        ((0, 5), (5, 0), 1),
+        ((-5, 0), (5, 0), 1),
+        ((0, 0), (5, 0), 1),
+    ],
+)
+def test_novelty_grows_to_one_as_the_cosine_falls_to_one_half(first, second, expected):
+    rows = [np.array([one], np.int8) for one in (second, first)]
+    features = [SimpleNamespace(packed=SimpleNamespace(rows=one)) for one in rows]
+    buffer = QueryBuffer(SimpleNamespace(extract=lambda _: features.pop()))
+    buffer.append(SHOWN, 3, 10)
+    assert novelty(buffer.frames) == 1
+    buffer.append(SHOWN, 3, 10)
+    assert novelty(buffer.frames) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ('evidence', 'length'),  # newest first
+    [
+        ([5.0], 1),
+        ([0.0, 0.0, 0.0], 1),
+        ([9.0, 1.0, 0.0], 1),
+        ([8.9, 1.0, 0.1], 2),
+        ([1.0] * 10, 9),
+        ([0.0, 0.0, 4.0, 1.0], 4),
+        ([0.0, 0.0, 4.0, 0.4], 3),
+        ([1.0] * 10 + [900.0], 9),  # the last one has left the buffer
+    ],
+)
+def test_k_newest_frames_carry_nine_tenths_of_the_evidence(evidence, length):
+    buffer = QueryBuffer(SimpleNamespace(extract=lambda _: None))
+    for one in reversed(evidence):
+        buffer.append(SHOWN, 3, 10)
+        buffer.note(np.zeros(3, np.float32), one)
+    assert evidence_length(buffer.frames) == length

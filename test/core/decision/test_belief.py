@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 
 NARROW = 0.1  # places; so what is moved goes to one place
-
 COPY = 0.0005  # share of frames elsewhere that look like a place
 
 
@@ -121,9 +120,8 @@ def test_a_place_without_mass_has_the_states_of_entering_mass(a_map):
 
 def test_a_lost_robot_is_in_an_earlier_map_with_probability_one_half(a_map):
     def first_mass(count, earlier):
-        return updated(
-            Belief(a_map(count), Driven(), in_the_dark()), np.zeros(count), earlier=earlier
-        ).mass.sum()
+        belief = Belief(a_map(count), Driven(), in_the_dark())
+        return updated(belief, np.zeros(count), earlier=earlier).mass.sum()
 
     assert first_mass(1000, 1000) == pytest.approx((1 - COPY) * 0.5, abs=5e-4)
     assert first_mass(100, 100) == pytest.approx(100 * COPY, abs=1e-3)  # no frame decides
@@ -303,12 +301,9 @@ def test_mass_stays_a_distribution_for_any_input(a_map, lengths, steps, both, st
 @given(st.integers(1, 12), st.integers(1, 12), STEPS, st.booleans(), st.sampled_from([None, 1.0]))
 def test_the_order_of_sessions_makes_no_difference(a_map, one, other, steps, both, step_m):
     swapped = np.array([*range(other, other + one), *range(other)])
-    pairs = zip(
-        driven(a_map(one, other, step_m=step_m), steps, both, None, 7.0, 1.0),
-        driven(a_map(other, one, step_m=step_m), steps, both, swapped, 7.0, 1.0),
-        strict=True,
-    )
-    for first, second in pairs:
+    firsts = driven(a_map(one, other, step_m=step_m), steps, both, None, 7.0, 1.0)
+    seconds = driven(a_map(other, one, step_m=step_m), steps, both, swapped, 7.0, 1.0)
+    for first, second in zip(firsts, seconds, strict=True):
         mass, elsewhere = masses(first, one + other)
         found, left = masses(second, one + other)
         # Half a place is rounded to an even one, so tails end at another place.

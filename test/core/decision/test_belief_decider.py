@@ -2,20 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map, a drive, and what the belief accepts, on drawn images; and what bad input makes of it."""
 
+import functools
 from types import SimpleNamespace
 
-from convseq_ros import build_map
+from convseq_ros import build_map, Frame, PlaceRecognizer
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config, with_values
 from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.nearby import places_near
-from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame, LocalizationState, PoseEstimate, Reason, Status
+from convseq_ros.core.types import LocalizationState, PoseEstimate, Reason, Status
 import numpy as np
 from poses import at
 import pytest
+from world import map_of
 
 pytestmark = pytest.mark.once
 
@@ -26,64 +27,41 @@ OWN = make_config({'image_size_px': 256, 'fixed_length': 4})
 ONLINE = with_values(OWN, {'mode': 'online'})
 RESTLESS = with_values(OWN, {'stationary_glance': 0.0, 'stationary_m': 0.0})
 TWO = with_values(RESTLESS, {'fixed_length': 2})
-both_searches = pytest.mark.parametrize(
-    'config',
-    [with_values(OWN, {'search': one}) for one in ('shortlist', 'exhaustive')],
-    ids=['shortlist', 'exhaustive'],
-)
+SEARCHES = [with_values(OWN, {'search': one}) for one in ('shortlist', 'exhaustive')]
+both_searches = pytest.mark.parametrize('config', SEARCHES, ids=['shortlist', 'exhaustive'])
 
 
 @pytest.fixture(scope='module')
 def described(image):
-    known = {}
-
-    def of(place, seed=0):
-        if (place, seed) not in known:
-            known[place, seed] = describe(image(place, seed), SMALL)
-        return known[place, seed]
-
-    return of
+    return functools.cache(lambda place, seed=0: describe(image(place, seed), SMALL))
 
 
 @pytest.fixture(scope='module')
-def map_of(described):
-    def make(places, sessions=False):
-        made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
-        for index, place in enumerate(places):
-            if sessions:
-                made.begin_session(index)
-            session = max(0, len(made.sessions) - 1)
-            made.add(Place(index, session=session), pack_cells(described(place).cells))
-        return made
-
-    return make
+def showing(described):
+    return lambda places, poses=(): map_of(map(described, places), SMALL, poses=poses)
 
 
 @pytest.fixture(scope='module')
-def street(map_of):
-    return map_of(range(PLACES))
+def street(showing):
+    return showing(range(PLACES))
 
 
 @pytest.fixture(scope='module')
-def posed(described):
+def posed(showing):
     """Return the map of the street with the poses of its places, a metre apart."""
-    made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
-    for place in range(PLACES):
-        made.add(Place(place, pose=at(place)), pack_cells(described(place).cells))
-    return made
+    return showing(range(PLACES), [*map(at, range(PLACES))])
 
 
 @pytest.fixture(scope='module')
 def drive(described):
-    """Return a way to show places, one a step; None is a frame that cannot be read."""
+    """Return a way to show places, one a step."""
 
     def show(recognizer, places, *, start=0, seed=1, poses=None):
         found = []
         for index, place in enumerate(places):
             pose = poses[index] if poses else None
             frame = Frame((start + index) * STEP_NS, None, pose=pose)
-            shown = None if place is None else described(place, seed)
-            found.append(recognizer.process(frame, shown))
+            found.append(recognizer.process(frame, described(place, seed)))
         return found
 
     return show
@@ -116,16 +94,12 @@ def test_a_known_stretch_is_accepted_and_an_unknown_one_is_not(street, drive, co
     assert accepted(matches[:15]) == [None] * 15
     assert accepted(matches[17:40]) == [*range(17, 40)]
     assert accepted(matches[45:]) == [None] * 15
-    assert {match.reason for match in matches[:15] + matches[45:]} <= {
-        Reason.WEAK,
-        Reason.AMBIGUOUS,
-    }
+    unknown = {match.reason for match in matches[:15] + matches[45:]}
+    assert unknown <= {Reason.WEAK, Reason.AMBIGUOUS}
 
 
 @both_searches
-def test_an_accepted_match_has_confidence_score_inliers_length_and_localization(
-    street, drive, config
-):
+def test_an_accepted_match_has_confidence_score_inliers_and_localization(street, drive, config):
     for match in drive(PlaceRecognizer(street, config), range(10, 30))[2:]:
         assert match.status is Status.ACCEPTED and 0.9 <= match.confidence <= 1
         assert 0 < match.best.score <= 1 and match.best.inliers > 50
@@ -146,27 +120,20 @@ def test_an_answer_has_five_candidates_that_are_not_near_each_other(street, driv
 def test_after_the_first_match_frames_are_compared_with_fewer_places(street, drive):
     matches = drive(PlaceRecognizer(street, OWN), range(10, 20))
     first = next(index for index, match in enumerate(matches) if match.accepted)
-    before, after = (
-        [match.pairs_scored for match in some]
-        for some in (matches[: first + 1], matches[first + 1 :])
-    )
-    assert min(before) > max(after) > 0, (before, after)
+    scored = [match.pairs_scored for match in matches]
+    assert min(scored[: first + 1]) > max(scored[first + 1 :]) > 0, scored
 
 
 @both_searches
 @pytest.mark.parametrize(('here', 'there'), [(10, 40), (40, 5), (20, 33)])
-def test_matches_are_right_from_the_fourth_keyframe_after_a_jump(
-    street, drive, config, here, there
-):
+def test_matches_are_right_four_keyframes_after_a_jump(street, drive, config, here, there):
     shown_places = [*range(here, here + 12), *range(there, there + 12)]
     matches = drive(PlaceRecognizer(street, config), shown_places)
     assert accepted(matches[2:12]) == [*range(here + 2, here + 12)]
     assert accepted(matches[15:]) == [*range(there + 3, there + 12)]
 
 
-def test_a_frame_denied_by_cells_and_keypoints_is_rejected_despite_high_confidence(
-    frames, pictured
-):
+def test_a_frame_that_cells_and_keypoints_deny_is_rejected_at_high_confidence(frames, pictured):
     unknown = []
     for here in range(5, 50, 5):
         recognizer = PlaceRecognizer(pictured, OWN)
@@ -189,8 +156,8 @@ def test_a_person_before_the_camera_is_no_place_and_ends_no_drive(frames, pictur
     assert found[38:] == [*after[2:]] and {*found[36:38]} <= {None, *after[:2]}
 
 
-def test_a_place_that_the_map_holds_twice_is_accepted_once_its_looks_are_linked(map_of, drive):
-    twice = map_of([*range(30), *range(30)])
+def test_a_place_that_the_map_holds_twice_is_accepted_once_its_looks_are_linked(showing, drive):
+    twice = showing([*range(30), *range(30)])
     matches = drive(PlaceRecognizer(twice, OWN), range(5, 25))
     assert not any(match.accepted for match in matches)
     for place in range(30, 60):
@@ -199,8 +166,8 @@ def test_a_place_that_the_map_holds_twice_is_accepted_once_its_looks_are_linked(
     assert [one is not None and one % 30 for one in found[3:]] == [*range(8, 25)]
 
 
-def test_the_look_most_similar_to_the_frame_is_the_match(described, map_of, drive):
-    whole = map_of(range(30))
+def test_the_look_most_similar_to_the_frame_is_the_match(described, showing, drive):
+    whole = showing(range(30))
     for place in range(30):
         whole.add(Place(30 + place), pack_cells(described(place, 1).cells))
         whole.links.add(30 + place, place)
@@ -239,8 +206,12 @@ def test_a_repeated_frame_is_never_matched_to_another_place(street, drive):
 
 @pytest.mark.parametrize('places', [1, 2, 3, 8])
 @pytest.mark.parametrize('sessions', [False, True])
-def test_a_map_of_a_few_places_has_too_few_rivals(map_of, drive, places, sessions):
-    small = map_of(range(places), sessions)
+def test_a_map_of_a_few_places_has_too_few_rivals(described, drive, places, sessions):
+    small = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
+    for place in range(places):
+        if sessions:
+            small.begin_session(place)
+        small.add(Place(place, session=place * sessions), pack_cells(described(place).cells))
     shown_places = [*range(places)] * 6
     poses = [at(one) for one in shown_places]
     for shown in (None, poses):
@@ -250,8 +221,8 @@ def test_a_map_of_a_few_places_has_too_few_rivals(map_of, drive, places, session
         assert not any(np.isnan(one.score) for match in matches for one in match.candidates)
 
 
-def test_a_map_of_looks_of_one_place_accepts_no_match(map_of, drive):
-    alike = map_of(range(16))
+def test_a_map_of_looks_of_one_place_accepts_no_match(showing, drive):
+    alike = showing(range(16))
     for place in range(1, 16):
         alike.links.add(place, 0)
     matches = drive(PlaceRecognizer(alike, OWN), range(16))
@@ -287,18 +258,15 @@ def test_odometry_that_jumps_resets_or_stops_disturbs_a_few_frames_only(posed, d
 
 
 @pytest.mark.parametrize('own', [False, True])
-def test_without_keypoints_a_robot_that_leaves_a_place_does_not_return_to_it(
-    street, described, own
-):
+def test_without_keypoints_a_robot_that_left_a_place_does_not_return_to_it(street, described, own):
     recognizer = PlaceRecognizer(street, TWO)  # two frames are kept
     if own:
         recognizer.mapping.session_start = recognizer.mapping.drive_start = 0
-    reasons = []
-    for index, (place, seed) in enumerate(
-        [*((one, 1) for one in range(10, 21)), (20, 0), (20, 1)]
-    ):
-        match = recognizer.process(Frame(index * STEP_NS, None), described(place, seed))
-        reasons.append(match.reason)
+    shown = [described(place, 1) for place in range(10, 21)] + [described(20, 0), described(20, 1)]
+    reasons = [
+        recognizer.process(Frame(index * STEP_NS, None), one).reason
+        for index, one in enumerate(shown)
+    ]
     # The last frame shows place 20 less than the one before, which is the map's.
     assert set(reasons[4:-1]) == {Reason.ACCEPTED}
     assert reasons[-1] is (Reason.RECENT if own else Reason.ACCEPTED)
@@ -307,9 +275,8 @@ def test_without_keypoints_a_robot_that_leaves_a_place_does_not_return_to_it(
 def test_places_that_show_the_scene_count_by_the_share_of_it(street):
     decider, shares = PlaceRecognizer(street, OWN).decider, {20: 0.5, 30: 0.0}
     believed = {3: 0.6, 20: 0.3, 30: 0.05}
-    decider._belief = SimpleNamespace(
-        places=np.array([*believed]), mass=np.array([*believed.values()])
-    )
+    places, mass = (np.array([*some]) for some in (believed, believed.values()))
+    decider._belief = SimpleNamespace(places=places, mass=mass)
 
     def shares_of(place, others):
         assert place == 3
@@ -352,10 +319,8 @@ def test_decisions_and_inliers_are_those_without_compiled_kernels(street, drive,
     def answers():
         config = with_values(OWN, {'search': 'exhaustive'})
         matches = drive(PlaceRecognizer(street, config), [*range(200, 205), *range(20, 32)])
-        return [
-            (match.reason, match.best and (match.best.reference_index, match.best.inliers))
-            for match in matches
-        ]
+        best = [one.best and (one.best.reference_index, one.best.inliers) for one in matches]
+        return best, [one.reason for one in matches]
 
     compiled = answers()
     for room in ('compiled', 'similarity.kernels', 'retrieval.whitening'):

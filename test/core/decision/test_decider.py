@@ -1,14 +1,15 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's decision: the best sequences, and the margin between them, worked by hand."""
+"""The paper's pair scores, best sequences, and the margin between them, worked by hand."""
 
 from dataclasses import replace
 
 from convseq_ros.config import AcceptanceConfig, Config, SequenceConfig
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.paper.decider import decide_by_margin, PaperDecider
+from convseq_ros.core.decision.paper.pair_score import pair_scores, paper_regions
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
-from convseq_ros.core.types import Candidate, Frame, Reason
+from convseq_ros.core.types import Candidate, Descriptor, Frame, Reason
 import numpy as np
 import pytest
 
@@ -86,8 +87,26 @@ def test_the_margin_to_the_best_rival_decides(a_map, scores, reason):
         (16, [30], Reason.WARMING_UP),
     ],
 )
-def test_without_a_sequence_the_map_is_too_short_or_frames_are_too_few(
-    a_map, length, lengths, reason
-):
+def test_without_a_sequence_map_or_drive_are_too_short(a_map, length, lengths, reason):
     said, _ = decided(a_map, [-np.inf] * 30, length=length, lengths=lengths)
     assert (said.reason, said.candidates, said.length) == (reason, (), length)
+
+
+def test_a_region_joins_its_four_cells_row_by_row_at_unit_length():
+    cells = np.zeros((2, 2, 1), np.float32)
+    assert not paper_regions(cells).any()  # without gradients
+    cells[0, 1], cells[1, 0] = 3, 4
+    assert paper_regions(cells).tolist() == [[0, pytest.approx(0.6), pytest.approx(0.8), 0]]
+
+
+@pytest.mark.parametrize(
+    ('salient', 'score'), [([True, True], (0.6 + 0.8) / 2), ([False, True], 0.8)]
+)
+def test_a_pair_scores_the_mean_of_the_best_similarities_of_salient_regions(salient, score):
+    query = np.zeros((2, 3, 1), np.float32)
+    query[0, :, 0] = [1, 0, 1]
+    reference = np.zeros((2, 2, 1), np.float32)
+    reference[0, :, 0] = [3, 4]
+    described = Descriptor(query, np.array(salient), np.zeros((2, 3)), 0.5)
+    regions = paper_regions(described.cells)[described.salient]
+    assert pair_scores(regions, [paper_regions(reference)])[0] == pytest.approx(score)

@@ -31,18 +31,9 @@ def said(lead, likeliest):
     return math.log((1 - COPY) * (first(likeliest) @ ratios) + COPY)
 
 
-class Shown:
-    """Stands in for the light: its difference from that of earlier drives."""
-
-    def __init__(self, difference):
-        self.difference = difference
-
-    def __call__(self, places, earlier):
-        return np.where(places < earlier, self.difference, 0.0)
-
-
 def expected_lead(difference=math.inf):
-    return ExpectedLead(Shown(difference))
+    """Return the expected leads at a difference of light from that of earlier drives."""
+    return ExpectedLead(lambda places, earlier: np.where(places < earlier, difference, 0.0))
 
 
 def of(leads, place):
@@ -50,11 +41,11 @@ def of(leads, place):
     return leads.probabilities(place, EARLIER)[:, 0]
 
 
-def asked(blocks, near=(), difference=0.0):
-    """Return what keypoints say of places; `near` are pairs of places, the smaller one first."""
-    leads = expected_lead(difference)
-    states = {place: leads.entering(NEW, EARLIER)[:, 0] for place in blocks}
-    return keypoint_ratios(blocks, states, lambda one, other: tuple(sorted((one, other))) in near)
+def asked(blocks, difference=0.0, near=()):
+    """Return what keypoints say of places, of which two may be near each other."""
+    entering = expected_lead(difference).entering(NEW, EARLIER)[:, 0]
+    states = dict.fromkeys(blocks, entering)
+    return keypoint_ratios(blocks, states, lambda *places: {*places} == {*near})
 
 
 def test_a_places_keypoints_lead_those_of_the_others_or_the_chance_level():
@@ -70,9 +61,7 @@ def test_a_places_keypoints_lead_those_of_the_others_or_the_chance_level():
 @pytest.mark.parametrize(
     ('difference', 'likeliest'), [(0.0, 6), (0.15, 4), (0.3, 2), (0.9, 0), (math.inf, 0)]
 )
-def test_the_expected_lead_falls_with_the_light_difference_except_on_the_running_drive(
-    difference, likeliest
-):
+def test_the_expected_lead_falls_with_the_light_but_on_the_running_drive(difference, likeliest):
     leads = expected_lead(difference)
     assert of(leads, NEW) == pytest.approx(first(likeliest))
     assert of(leads, OURS) == pytest.approx(first(6))
@@ -90,12 +79,9 @@ def test_two_places_that_both_exceed_chance_are_no_rivals():
 
 
 def test_places_near_each_other_are_no_rivals():
-    three = {1: 9, 2: 8, 3: 7}  # none leads over chance enough
-    leads = {place: one.lead for place, one in asked(three, near=[(1, 3)]).items()}
-    roots = {place: 2 * count**0.5 for place, count in three.items()}
-    assert leads[1] == pytest.approx(roots[1] - roots[2])
-    assert leads[2] == pytest.approx(roots[2] - roots[1])
-    assert leads[3] == pytest.approx(roots[3] - roots[2])
+    three = asked({1: 9, 2: 8, 3: 7}, near=(1, 3))  # none leads over chance enough
+    for place, blocks, of_rival in ((1, 9, 8), (2, 8, 9), (3, 7, 8)):
+        assert three[place].lead == pytest.approx(2 * blocks**0.5 - 2 * of_rival**0.5)
 
 
 def test_a_small_share_of_the_entering_mass_is_at_a_copy():
@@ -130,17 +116,12 @@ def test_the_last_match_has_a_weight_of_one_tenth():
 SILENT = np.array([0.7, 0.1, 0.0, 0.0, 0.0])
 
 
-def test_silent_matches_teach_silence_on_places_of_earlier_drives():
+def test_silent_matches_teach_silence_on_places_of_earlier_drives_alone():
     leads = expected_lead(0.05)  # as by noon on a map of the afternoon: shadows moved
     assert of(leads, NEW)[0] < 0.01
     for _ in range(30):
         leads.learn(SILENT, NEW[0], EARLIER)
-    assert of(leads, NEW)[0] > 0.8
-    assert of(leads, OURS) == pytest.approx(first(6))
-
-
-def test_silent_matches_teach_no_silence_on_places_of_the_running_drive():
-    leads = expected_lead()
+    assert of(leads, NEW)[0] > 0.8 and of(leads, OURS) == pytest.approx(first(6))
     for _ in range(100):
         leads.learn(SILENT, OURS[0], EARLIER)
     assert of(leads, OURS)[0] <= 1.2 * first(6)[0]
@@ -156,15 +137,15 @@ def test_a_silent_lead_keeps_its_probability_after_a_thousand_matches():
 
 
 def test_what_is_learned_by_day_does_not_hold_at_night():
-    shown = Shown(0.0)
-    leads = ExpectedLead(shown)
+    light = {'difference': 0.0}
+    leads = ExpectedLead(lambda places, _: np.full(len(places), light['difference']))
     for _ in range(100):
         leads.learn(np.array([0.0, 0.0, 0.1, 0.8, 0.1]), NEW[0], EARLIER)
     by_day = of(leads, NEW)
     assert by_day[0] < 0.002 and by_day[3] > 0.75
-    shown.difference = 1.0
+    light['difference'] = 1.0
     assert of(leads, NEW)[0] > 0.8  # keypoints are silent again
-    shown.difference = 0.0
+    light['difference'] = 0.0
     assert of(leads, NEW) == pytest.approx(by_day)
 
 

@@ -4,8 +4,6 @@
 
 import tracemalloc
 
-from convseq_ros.core.decision.belief import Belief
-from convseq_ros.core.decision.expected_lead import ExpectedLead
 from convseq_ros.core.decision.motion import MOTION, MotionModel
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -32,9 +30,8 @@ def test_without_odometry_places_move_by_each_velocity_for_every_keyframe(a_map,
     expected = np.array([[4], [9]]) + (1 + missing) * velocities
     assert found == pytest.approx(expected.T)
     distance = (1 + missing) * abs(velocities[:, None])
-    assert sigmas == pytest.approx(
-        np.broadcast_to(MOTION.sigma_places + ERROR * distance, found.shape)
-    )
+    sigma = MOTION.sigma_places + ERROR * distance
+    assert sigmas == pytest.approx(np.broadcast_to(sigma, found.shape))
 
 
 def test_backward_velocities_have_1_percent_and_half_with_both_directions(a_map):
@@ -68,21 +65,6 @@ def test_beyond_the_end_of_a_session_places_are_as_far_apart_as_the_last(a_map):
     velocities, found, _ = moved(a_map(30, step_m=2.0), 0, 5, places=(1, 28))
     assert found[velocities < 0, 0] == pytest.approx(-1.5)
     assert found[velocities > 0, 1] == pytest.approx(30.5)
-
-
-def test_a_belief_that_is_reset_knows_no_odometry(a_map):
-    street = a_map(30, step_m=2.0)
-    belief = Belief(
-        street,
-        MotionModel(street, both=False, way_error=ERROR),
-        ExpectedLead(lambda places, _: np.zeros(len(places))),
-    )
-    belief.motion.move(at(0), 0)
-    belief.reset()
-    belief.motion.move(at(5), 0)
-    assert belief.motion.moved(np.array([10]))[0][:, 0] == pytest.approx(
-        10 + belief.motion.velocities
-    )
 
 
 def test_backward_odometry_moves_places_backward_and_ahead_on_reversed_drives(a_map):

@@ -40,7 +40,8 @@ class Pairs:
         return self.row[places]
 
     def verified(self, _features, indices):
-        return {one: verified(self._strengths.get(one, self._usual), one) for one in indices}
+        strengths = {one: self._strengths.get(one, self._usual) for one in indices}
+        return {one: Verification(0, of, of / 2, one) for one, of in strengths.items()}
 
 
 class Listed:
@@ -95,10 +96,6 @@ def believing(masses=None, difference=0.0):
     )
 
 
-def verified(strength, moved):
-    return Verification(0, strength, strength / 2, moved)
-
-
 def query_of(pairs, usable=None, start=NONE, config=None):
     """Return the query of the frame with these pairs."""
     buffer = SimpleNamespace(newest=pairs)
@@ -126,9 +123,8 @@ def looked(reference_map, pairs, masses=None, start=NONE, told=None, listed=None
     seen = SimpleNamespace(share=lambda place, other: (shares or {}).get((place, other), 0.0))
     observer = Observer(near, told or Told(), seen)
     observation = observer.observe(query, compared, belief, novelty)
-    return observation, dict(
-        zip(observation.places.tolist(), observation.log_ratios.tolist(), strict=True)
-    )
+    ratios = observation.log_ratios.tolist()
+    return observation, dict(zip(observation.places.tolist(), ratios, strict=True))
 
 
 def ratio(reference_map, told=None, place=30, masses=None, **how):
@@ -150,9 +146,8 @@ def test_the_place_that_the_frame_shows_gains_and_the_others_lose(a_map):
 
 
 def test_the_strongest_place_of_a_large_map_lies_there_by_chance_less_often(a_map):
-    small, large = Pairs(scored(), {30: 50.0}), Pairs(scored(), {30: 50.0})
-    few = looked(a_map(100), small)[1]
-    many = looked(a_map(100), large, usable=400)[1]
+    pairs = Pairs(scored(), {30: 50.0})
+    few, many = (looked(a_map(100), pairs, usable=usable)[1] for usable in (100, 400))
     assert few[30] + 0.5 < many[30] < few[30] + math.log(4)
     assert few[50] == many[50]
 
@@ -174,9 +169,8 @@ def test_keypoints_verify_the_strongest_distinct_places_and_the_likeliest_one(a_
     pairs = Pairs(scored(), {30: 100.0, 31: 90.0, 60: 80.0, 80: 70.0, 90: 60.0})
     observation, _ = looked(a_map(100), pairs, {50: 0.2}, told=told)
     assert told.places == [30, 60, 80, 50]
-    assert [*observation.asked] == told.places and observation.asked[30].lead == pytest.approx(
-        2 * 60**0.5 - 2 * 4**0.5
-    )
+    assert [*observation.asked] == told.places
+    assert observation.asked[30].lead == pytest.approx(2 * 60**0.5 - 2 * 4**0.5)
     said = observation.keypoints[:, observation.places == 30][:, 0]
     assert said == pytest.approx(ratios_of(observation.asked[30].lead))
 
@@ -192,9 +186,7 @@ def test_keypoints_verify_the_strongest_distinct_places_and_the_likeliest_one(a_
         ({30: 0.991}, 36.0, True),  # cells are not sure
     ],
 )
-def test_keypoints_are_not_used_where_the_belief_is_sure_and_cells_agree(
-    a_map, masses, strength, is_asked
-):
+def test_keypoints_are_not_used_if_belief_and_cells_are_sure(a_map, masses, strength, is_asked):
     told, whole = Told({}), a_map(65, 35)
     whole.links.add(80, 30)
     looked(whole, Pairs(scored(), {30: strength}), masses, told=told)
@@ -202,9 +194,8 @@ def test_keypoints_are_not_used_where_the_belief_is_sure_and_cells_agree(
 
 
 def test_keypoints_that_agree_raise_a_place_and_its_neighbours(a_map):
-    cells = ratio(a_map(100))
     told = Told({30: 60})
-    assert ratio(a_map(100), told) > cells + 0.1  # next to the bound
+    assert ratio(a_map(100), told) > ratio(a_map(100)) + 0.1  # next to the bound
     weak = Pairs(scored(), {30: 40.0})
     cells = looked(a_map(100), weak)[1]
     both = looked(a_map(100), weak, told=told)[1]
@@ -230,17 +221,14 @@ def test_keypoints_deny_the_place_that_cells_show_only_where_they_repeat(a_map, 
 
 
 def test_a_place_without_keypoints_is_judged_by_cells(a_map):
-    observation, ratios = looked(
-        a_map(100), Pairs(scored(), SHOWN), told=Told({30: None, 50: None})
-    )
+    told = Told({30: None, 50: None})
+    observation, ratios = looked(a_map(100), Pairs(scored(), SHOWN), told=told)
     assert [*observation.asked] == [60]
     assert ratios[30] == ratio(a_map(100)) and ratios[50] == ratio(a_map(100), place=50)
 
 
 @pytest.mark.parametrize(('likeliest', 'is_asked'), [(32, False), (33, True)])
-def test_keypoints_verify_the_likeliest_place_unless_one_beside_it_is_verified(
-    a_map, likeliest, is_asked
-):
+def test_keypoints_verify_the_likeliest_place_or_one_beside_it(a_map, likeliest, is_asked):
     told = Told({30: 60, 33: 20})
     pairs = Pairs(scored(), SHOWN)
     observation, _ = looked(a_map(100), pairs, {likeliest: 0.2}, told=told)
@@ -270,10 +258,9 @@ def test_looks_are_no_rivals(a_map):
 
 def test_a_rival_that_shows_the_scene_of_the_strongest_place_speaks_less_against_it(a_map):
     pairs = Pairs(scored(), {30: 100.0, 80: 90.0})
-    alone, half, whole, other_way = (
-        looked(a_map(100), pairs, shares=shares)[1][30]
-        for shares in (None, {(30, 80): 0.5}, {(30, 80): 1.0}, {(80, 30): 1.0})
-    )
+    shares = None, {(30, 80): 0.5}, {(30, 80): 1.0}, {(80, 30): 1.0}
+    ratios = (looked(a_map(100), pairs, shares=some)[1][30] for some in shares)
+    alone, half, whole, other_way = ratios
     assert alone + 1 < half < whole and other_way == alone
 
 
@@ -323,9 +310,8 @@ def test_a_frame_without_scores_gives_no_evidence(a_map):
 
 
 def test_a_repeated_image_adds_no_evidence(a_map):
-    first, second = (
-        looked(a_map(100), Pairs(scored(), SHOWN), novelty=new)[1] for new in (1.0, 0.0)
-    )
+    pairs = Pairs(scored(), SHOWN)
+    first, second = (looked(a_map(100), pairs, novelty=new)[1] for new in (1.0, 0.0))
     assert first[30] > 1 and second[30] == 0
     assert second[60] == first[60] < 0
 
@@ -334,14 +320,10 @@ def test_a_repeated_image_adds_no_evidence(a_map):
     ('entropy', 'threshold', 'share'),
     [(0.0, 0.5, 0.0), (0.125, 0.5, 0.25), (0.5, 0.5, 1.0), (0.8, 0.5, 1.0), (0.0, 0.0, 1.0)],
 )
-def test_an_image_below_the_entropy_threshold_gives_less_evidence_for_places(
-    a_map, entropy, threshold, share
-):
+def test_an_image_of_low_entropy_gives_less_evidence_for_places(a_map, entropy, threshold, share):
     config = with_values(Config(), {'entropy_threshold': threshold})
-    whole, less = (
-        looked(a_map(100), Pairs(scored(), SHOWN, entropy=bits), config=config)[1]
-        for bits in (1.0, entropy)
-    )
+    pairs = (Pairs(scored(), SHOWN, entropy=bits) for bits in (1.0, entropy))
+    whole, less = (looked(a_map(100), one, config=config)[1] for one in pairs)
     assert less[30] == pytest.approx(share * whole[30])
     assert less[60] == whole[60] < 0
 
@@ -356,9 +338,7 @@ def test_an_image_below_the_entropy_threshold_gives_less_evidence_for_places(
     st.integers(0, 60),
     st.sampled_from([0.0, 0.3, math.inf]),
 )
-def test_ratios_are_finite_and_bounded_for_any_input(
-    a_map, count, seed, spread, most, step, start, difference
-):
+def test_ratios_are_finite_and_bounded(a_map, count, seed, spread, most, step, start, difference):
     rng = np.random.default_rng(seed)
     scores = rng.normal(0, spread, count)
     scores[rng.random(count) < 0.2] = np.nan
@@ -368,9 +348,8 @@ def test_ratios_are_finite_and_bounded_for_any_input(
     told = Told(dict(enumerate(rng.integers(0, 257, count).tolist())))
     listed = np.sort(rng.permutation(count)[:40])
     pairs = Pairs(scores, strengths, step)
-    observation, _ = looked(
-        a_map(count), pairs, masses, start, told, listed, difference=difference
-    )
+    how = start, told, listed
+    observation, _ = looked(a_map(count), pairs, masses, *how, difference=difference)
     assert {*believed} <= {*observation.places.tolist()}
     assert (np.diff(observation.places) > 0).all() and np.isfinite(observation.log_ratios).all()
     assert (observation.log_ratios <= -math.log(COPIES.cells * COPIES.scenes) + 1e-9).all()

@@ -21,23 +21,17 @@ def test_steps_sum_to_a_distance_and_reverse_steps_are_negative():
     assert odometer.turn_rad == pytest.approx(2)
 
 
-def test_the_step_after_a_forgotten_pose_is_unknown_and_the_sums_stay():
+@pytest.mark.parametrize(
+    ('forget', 'sums'), [(Odometer.forget_pose, (2, 0, 1)), (Odometer.reset, (0, 0, 0))]
+)
+def test_the_step_after_a_forgotten_pose_is_unknown_and_only_a_reset_forgets_sums(forget, sums):
     odometer = Odometer()
     for x in (0, 2):
         odometer.move(matrix(at(x)))
-    odometer.forget_pose()
+    forget(odometer)
     assert odometer.move(matrix(at(50, yaw=math.pi))) is None
-    assert (odometer.distance_m, odometer.turn_rad, odometer.steps) == (2, 0, 1)
+    assert (odometer.distance_m, odometer.turn_rad, odometer.steps) == sums
     assert odometer.move(matrix(at(51, yaw=math.pi))) == -1
-
-
-def test_a_reset_odometer_has_no_distance_turn_or_steps():
-    odometer = Odometer()
-    for x in (0, 2):
-        odometer.move(matrix(at(x)))
-    odometer.reset()
-    assert odometer.move(matrix(at(9))) is None
-    assert (odometer.distance_m, odometer.turn_rad, odometer.steps) == (0, 0, 0)
 
 
 @pytest.mark.parametrize(
