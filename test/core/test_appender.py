@@ -37,10 +37,9 @@ def grown(path, count=0):
     return owner
 
 
-def is_right(reference_map, count):
-    return len(reference_map) == count and all(
-        (reference_map.packed(index) == cells(index)).all() for index in range(count)
-    )
+def is_right(of_map, count):
+    right = [(of_map.packed(index) == cells(index)).all() for index in range(len(of_map))]
+    return len(of_map) == count and all(right)
 
 
 def beside(path):
@@ -81,9 +80,7 @@ def test_an_interruption_finds_no_lock_that_it_could_leave_behind(path, monkeypa
     owner = own(path)
     grow(owner.reference_map, 1)
     with monkeypatch.context() as patch:
-        patch.setattr(
-            threading.Condition, '__enter__', Mock(side_effect=RuntimeError('interrupted'))
-        )
+        patch.setattr(threading.Condition, '__enter__', Mock(side_effect=RuntimeError))
         owner.save()
     owner.close()
     assert holds(path) == 1
@@ -91,14 +88,13 @@ def test_an_interruption_finds_no_lock_that_it_could_leave_behind(path, monkeypa
 
 def test_saved_pictures_leave_memory_and_can_still_be_read(path):
     owner = own(path)
-    reference_map = owner.reference_map
     for _ in range(30):
-        grow(reference_map, 1)
+        grow(owner.reference_map, 1)
         owner.flush()
-        assert not reference_map._in_memory
-    assert all((reference_map.packed(index) == cells(index)).all() for index in range(30))
+        assert not owner.reference_map._in_memory
+    assert is_right(owner.reference_map, 30)
     owner.close()
-    assert (reference_map.packed(7) == cells(7)).all()
+    assert is_right(owner.reference_map, 30)
 
 
 def test_an_empty_file_is_made_into_a_map_unless_there_must_be_one(path):
@@ -280,19 +276,18 @@ def test_a_log_that_a_crash_left_is_read_and_the_file_is_not_changed(killed, is_
 
 @pytest.mark.parametrize('error', [sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY_CANTINIT])
 def test_a_log_without_shared_memory_is_read_from_a_copy(killed, monkeypatch, error):
-    def number(database, statement):
-        if database.mode == 'ro':
-            failed = sqlite3.OperationalError('not shared')
-            failed.sqlite_errorcode = error
-            raise failed
-        return Database.number(database, statement)
-
     class Unshared(Database):
         def __init__(self, path, mode):
             super().__init__(path, mode)
             self.mode = mode
 
-    Unshared.number = number
+        def number(self, statement):
+            if self.mode == 'ro':
+                failed = sqlite3.OperationalError('not shared')
+                failed.sqlite_errorcode = error
+                raise failed
+            return super().number(statement)
+
     monkeypatch.setattr(crash_recovery, 'Database', Unshared)
     assert is_right(open_map(killed), 9)
 

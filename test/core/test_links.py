@@ -105,9 +105,8 @@ def test_links_keep_all_that_a_back_end_asks_for_through_a_file(a_map, path):
     whole.links.add(30, 20, 0.99, 40, no_scale)
     whole.links.add(35, 11)
     whole.links.add_first(36)
-    assert [told(one)[:5] for one in whole.links.each()] == [
-        (20, 10, 10, 0.97, 41), (30, 20, 10, 0.99, 40), (35, 11, 11, None, None),
-    ]  # fmt: skip
+    expected = (20, 10, 10, 0.97, 41), (30, 20, 10, 0.99, 40), (35, 11, 11, None, None)
+    assert [told(one)[:5] for one in whole.links.each()] == [*expected]
     save_map(whole, path)
     opened = open_map(path)
     assert [*map(told, opened.links.each())] == [*map(told, whole.links.each())]
@@ -153,12 +152,9 @@ def test_the_covariance_of_two_steps_is_what_drawn_steps_scatter_by():
     mean = matrix(two.pose) @ matrix(one.pose)
 
     def drawn(pose):
-        moved, (*translation, a, b, c) = (
-            matrix(pose.pose),
-            rng.multivariate_normal([0] * 6, pose.covariance),
-        )
-        moved[:3, :3] = turned_by((a, b, c)) @ moved[:3, :3]
-        moved[:3, 3] += translation
+        moved, error = matrix(pose.pose), rng.multivariate_normal([0] * 6, pose.covariance)
+        moved[:3, :3] = turned_by(error[3:]) @ moved[:3, :3]
+        moved[:3, 3] += error[:3]
         return moved
 
     errors = []
@@ -173,7 +169,6 @@ def test_the_covariance_of_two_steps_is_what_drawn_steps_scatter_by():
 
 
 def laps(image, seed=0):
-    """Return a drive of some laps."""
     shown = [image(index % LAP, seed=seed + index) for index in range(LAPS * LAP)]
     return [Frame(at * SECOND, one, camera=CAMERA) for at, one in enumerate(shown)]
 
@@ -187,14 +182,13 @@ def is_right(place, other):
 
 
 def test_a_map_that_was_built_has_the_places_and_links_of_one_grown_online(tmp_path, image):
-    offline, online, without = (tmp_path / name for name in ('built.db', 'grown.db', 'bare.db'))
-    build_map(laps(image), offline, config())
-    build_map(laps(image), without, config(), links=False)
-    pipeline = Pipeline(online, config(mode='online'))
+    built = build_map(laps(image), None, config())
+    bare = build_map(laps(image), None, config(), links=False)
+    pipeline = Pipeline(tmp_path / 'grown.db', config(mode='online'))
     for frame in laps(image):
         pipeline.recognizer.process(frame)
     pipeline.close()
-    built, grown, bare = map(open_map, (offline, online, without))
+    grown = open_map(tmp_path / 'grown.db')
     assert [*map(told, built.links.each())] == [*map(told, grown.links.each())]
     assert len(built.links) > LAP / 2
     assert built.is_linked and grown.is_linked
@@ -229,10 +223,9 @@ def test_laps_are_linked_alike_in_one_session_and_in_three(tmp_path, image):
 
 
 def test_merging_links_maps_to_one_another_unless_no_links_is_given(tmp_path, image):
-    paths = [str(tmp_path / f'{number}.db') for number in range(2)]
+    *paths, merged, bare = (str(tmp_path / name) for name in ('0.db', '1.db', 'merged', 'bare'))
     for number, one in enumerate(paths):
         build_map(laps(image, 300 * number)[:LAP], one, config())
-    merged, bare = str(tmp_path / 'merged.db'), str(tmp_path / 'bare.db')
     assert main(['map', 'merge', *paths, '-o', merged]) == 0
     assert main(['map', 'merge', *paths, '-o', bare, '--no-links']) == 0
     opened = open_map(merged)
@@ -266,9 +259,7 @@ def test_places_of_another_session_are_never_near(a_map):
     st.integers(0, 12),
     st.integers(0, 119),
 )
-def test_the_mask_of_near_places_agrees_with_the_test_of_each_place(
-    a_map, lengths, seed, distance, index
-):
+def test_the_mask_of_near_places_is_that_of_each_place(a_map, lengths, seed, distance, index):
     whole, rng = a_map(*lengths), np.random.default_rng(seed)
     for place in range(1, len(whole)):
         if rng.random() < 0.4:

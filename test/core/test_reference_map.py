@@ -19,20 +19,14 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.torture.maps import cells, ENCODING
+from bench.torture.maps import cells, drawn, ENCODING
 
 POSE = Pose((1.5, -2.0, 0.25), (0.0, 0.0, 0.6, 0.8))
 
 
-class Stored:
-    def pictures(self, indices, _with_images=False):
-        return [Picture(cells(1000 + index), b'stored') for index in indices]
-
-
 @pytest.mark.parametrize('index', [-1, 1])
 def test_a_place_that_is_not_there_is_an_index_error(index):
-    reference_map = ReferenceMap(ENCODING)
-    reference_map.add(Place(0), cells(0))
+    reference_map = drawn(1)
     with pytest.raises(IndexError, match='of 1'):
         reference_map.cells(index)
     with pytest.raises(IndexError, match='of 1'):
@@ -81,7 +75,7 @@ def test_readers_of_a_growing_map_find_complete_places():
         known[0] = index % 2048
         reference_map.add(Place(index, pose=POSE), packed, b'%d' % index, known)
         if index % 700 == 699:
-            reference_map.evict(0, Stored().pictures)
+            reference_map.evict(0, lambda indices, _=False: [Picture(packed, b'')] * len(indices))
     for reader in readers:
         reader.join()
     assert not problems
@@ -103,24 +97,14 @@ def test_a_thumbnail_has_the_given_width_and_a_bounded_height(shape, small):
     assert cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE).shape == small
 
 
-def declaring(jpeg, height, width):
-    """Return a JPEG with other sides in its header."""
-    frame = jpeg.index(b'\xff\xc0')
-    return (
-        jpeg[: frame + 5]
-        + height.to_bytes(2, 'big')
-        + width.to_bytes(2, 'big')
-        + jpeg[frame + 9 :]
-    )
-
-
 def test_a_jpeg_larger_than_a_thumbnail_is_not_decoded(monkeypatch):
     jpeg = thumbnail(np.full((480, 640), 90, np.uint8), 640)
     assert decode_jpeg(jpeg).shape == (480, 640)
     assert decode_jpeg(thumbnail(np.full((5000, 2), 90, np.uint8), 640)).shape[0] == 2560
     assert decode_jpeg(b'') is None and decode_jpeg(b'no picture') is None
     monkeypatch.setattr(cv2, 'imdecode', lambda *_: pytest.fail('it was decoded'))
-    assert decode_jpeg(declaring(jpeg, 30_000, 30_000)) is None
+    sides = jpeg.index(b'\xff\xc0') + 5  # of the header
+    assert decode_jpeg(jpeg[:sides] + 2 * (30_000).to_bytes(2) + jpeg[sides + 4 :]) is None
 
 
 def test_sessions_of_a_map_that_is_joined_to_another_come_after_its_own(a_map):
@@ -135,8 +119,6 @@ def test_sessions_of_a_map_that_is_joined_to_another_come_after_its_own(a_map):
 SECOND = 10**9
 GRAY = np.random.default_rng(0).integers(0, 256, (48, 64), np.uint8)
 DESCRIPTOR = describe(GRAY, ENCODING)
-
-
 VIEWS = np.eye(2, dtype=np.float32)  # glances far from each other
 
 
@@ -148,11 +130,8 @@ def follow(mapping, before, passed):
 
 def grown(passed, earlier=0):
     """Add a place each time so many scenes were passed; return the map and what was usable."""
-    reference_map = ReferenceMap(ENCODING)
-    for index in range(earlier):
-        reference_map.add(Place(index), pack_cells(DESCRIPTOR.cells))
-    mapping = OnlineMap(reference_map, Config())
-    usable = []
+    reference_map = drawn(earlier)
+    mapping, usable = OnlineMap(reference_map, Config()), []
     for before, scenes in pairwise([0, *passed]):
         follow(mapping, before, scenes)
         usable.append(mapping.usable)
@@ -169,9 +148,7 @@ def grown(passed, earlier=0):
         ([1, 2, 2, 2, 3, 22, 23], 0, [0, 0, 0, 0, 0, 1, 4]),
     ],
 )
-def test_places_become_usable_once_more_than_20_scenes_were_passed_since(
-    passed, earlier, expected
-):
+def test_places_become_usable_once_more_than_20_scenes_were_passed(passed, earlier, expected):
     mapping, reference_map, usable = grown(passed, earlier)
     assert usable == expected and mapping.session_start == earlier
     assert len(reference_map) == earlier + len(passed)
@@ -202,14 +179,6 @@ def test_a_new_session_begins_at_the_end_of_the_map_and_the_last_places_stay_rec
         before = scenes
         assert mapping.usable == usable
     assert len(reference_map) == 5
-
-
-def test_another_camera_follows_the_first_one_and_counts_no_scenes():
-    leader, reference_map, _ = grown(range(1, 24), earlier=7)
-    follower = FollowedMap(reference_map, leader)
-    follow(follower, 0, 500)
-    assert follower.usable == leader.usable == 9
-    assert follower.session_start == 7
 
 
 def test_a_frozen_map_adds_no_place_and_still_counts_scenes():

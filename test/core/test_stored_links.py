@@ -25,9 +25,9 @@ from bench.torture.maps import APART, cells, ENCODING
 pytestmark = pytest.mark.once
 
 
-def grow(reference_map, count):
+def grow(reference_map, count, session=0):
     for index in range(len(reference_map), len(reference_map) + count):
-        reference_map.add(Place(index), cells(index))
+        reference_map.add(Place(index, session=session), cells(index))
 
 
 def made(count, *pairs):
@@ -80,8 +80,7 @@ def test_impossible_links_are_left_out_and_reported_once(path, row, capsys):
     whole = made(20, (12, 2), (18, 3))
     save_map(whole, path)
     with closing(sqlite3.connect(path)) as database, database:
-        marks = ', '.join('?' * 7)
-        database.execute(f'INSERT INTO links VALUES ({marks})', (*row, row_crc(row)))
+        database.execute('INSERT INTO links VALUES (?, ?, ?, ?, ?, ?, ?)', (*row, row_crc(row)))
     opened = open_map(path)
     assert [*opened.links] == [(12, 2), (18, 3)]
     assert opened.problem == f'{path}: 1 links are damaged and left out; all the rest works'
@@ -153,8 +152,7 @@ def test_editing_keeps_links_among_the_places_that_stay(path, tmp_path):
     whole = ReferenceMap(ENCODING)
     for session in range(3):
         whole.begin_session(0)
-        for index in range(20):
-            whole.add(Place(index, session=session), cells(20 * session + index))
+        grow(whole, 20, session)
     for place, other in ((25, 5), (45, 5), (26, 6), (50, 30)):
         whole.links.add(place, other)
     for index in range(60):

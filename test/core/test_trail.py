@@ -22,6 +22,7 @@ from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.types import Anchor, Candidate, Frame, Match, Pose, Reason, RelativePose
 import numpy as np
 from pictures import scene
+from poses import at
 import pytest
 
 from bench.torture.maps import APART, cells, ENCODING
@@ -32,8 +33,8 @@ RELATIVE = RelativePose((0, 0, 0, 1), (0.5, 0, 0), None, np.eye(6), 12, True)
 
 
 def keyframe(number: int, session: str, **known: object) -> Keyframe:
-    at = Pose((np.float64(number / 3), -0.0, 1.0), (0.0, 0.0, 0.0, 1.0), (0.1, math.nan))
-    return Keyframe(session, number * SECOND, at, **known)
+    pose = Pose((np.float64(number / 3), -0.0, 1.0), (0.0, 0.0, 0.0, 1.0), (0.1, math.nan))
+    return Keyframe(session, number * SECOND, pose, **known)
 
 
 def made(count: int = 3, sessions: int = 2) -> ReferenceMap:
@@ -96,9 +97,8 @@ def test_a_keyframe_that_is_damaged_is_left_out_and_the_others_stay(path, change
 def test_a_trail_on_damaged_pages_is_no_trail_and_the_map_opens(path):
     save_map(made(), path)
     with closing(sqlite3.connect(path)) as database:
-        (page,) = database.execute(
-            "SELECT rootpage FROM sqlite_master WHERE name = 'keyframes'"
-        ).fetchone()
+        query = "SELECT rootpage FROM sqlite_master WHERE name = 'keyframes'"
+        (page,) = database.execute(query).fetchone()
     content = bytearray(path.read_bytes())
     content[(page - 1) * PAGE_BYTES : page * PAGE_BYTES] = b'\xff' * PAGE_BYTES
     path.write_bytes(content)
@@ -114,24 +114,17 @@ def test_edits_carry_the_trail_of_the_sessions_that_stay(path, tmp_path):
         assert rows(open_map(tmp_path / 'new.db')) == rows(whole)[expected]
         (tmp_path / 'new.db').unlink()
     # Poses that replace those by odometry are no odometry.
-    assert (
-        rows(joined([replace(one, poses={0: Pose((0, 0, 0), (0, 0, 0, 1))}), other]))
-        == (rows(whole)[3:])
-    )
+    replaced = replace(one, poses={0: Pose((0, 0, 0), (0, 0, 0, 1))})
+    assert rows(joined([replaced, other])) == rows(whole)[3:]
 
 
 # What online mode adds.
 
 
 def frames(count: int, variances: tuple[float, float] | None, first: int = 0) -> list[Frame]:
-    return [
-        Frame(
-            (first + at) * SECOND,
-            scene(at, seed=first, size=(64, 64)),
-            pose=Pose((float(at), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), variances),
-        )
-        for at in range(count)
-    ]
+    poses = [replace(at(x), variances=variances) for x in range(count)]
+    shown = [scene(x, seed=first, size=(64, 64)) for x in range(count)]
+    return [Frame((first + x) * SECOND, shown[x], pose=poses[x]) for x in range(count)]
 
 
 def test_each_keyframe_with_odometry_is_in_the_trail_and_poses_of_files_are_not(path):
