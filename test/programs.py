@@ -9,6 +9,9 @@ import subprocess
 import time
 from typing import Any
 
+from convseq_ros.core import compiled
+import pytest
+
 
 def run(*command: Any, **more: Any) -> subprocess.CompletedProcess[str]:
     """Return what a program said, and its exit code."""
@@ -22,6 +25,12 @@ def wait_for(condition: Callable[[], object], patience_s: float = 180.0) -> None
     while not condition():
         assert time.monotonic() < until_s, 'waited in vain'
         time.sleep(0.002)
+
+
+def needs_library() -> None:
+    """Skip a test where the kernels are not compiled."""
+    if not compiled.available():
+        pytest.skip(f'no compiled kernels: {compiled.library().problem}')
 
 
 def open_files(path: Path) -> int:

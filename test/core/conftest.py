@@ -27,7 +27,6 @@ def image() -> Callable[..., np.ndarray]:
 
 @pytest.fixture(scope='session')
 def described(image) -> Callable[..., Descriptor]:
-    """Return a maker of descriptors of these images."""
     return lambda place, seed=0: describe(image(place, seed))
 
 

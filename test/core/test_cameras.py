@@ -5,13 +5,12 @@
 from dataclasses import replace
 import math
 
+from convseq_ros import build_map, Frame, PlaceRecognizer
 from convseq_ros.app.cameras import Cameras
-from convseq_ros.app.map_builder import build_map
 from convseq_ros.config import EVERY_FRAME, make_config, with_values
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import base_between, matrix, of_roll_pitch_yaw
-from convseq_ros.core.types import Camera, Frame, LocalizationState, Reason
+from convseq_ros.core.types import Camera, LocalizationState, Reason
 from convseq_ros.errors import ConfigError
 import numpy as np
 import pytest
@@ -21,15 +20,9 @@ pytestmark = pytest.mark.once
 STEP_NS = 100_000_000
 FRONT, REAR = '/front', '/rear'
 LENS = Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
-OWN = make_config(
-    {
-        'image_size_px': 256,
-        'both_directions': True,
-        'fixed_length': 8,
-        'keyframe_overlap': 1.0,
-        'camera_to_base': f'1 0 1 0 0 0; -1 0 1 0 0 {math.pi}',
-    }
-)
+MOUNTS = f'1 0 1 0 0 0; -1 0 1 0 0 {math.pi}'
+SMALL = make_config({'image_size_px': 256, 'keyframe_overlap': 1.0, 'camera_to_base': MOUNTS})
+OWN = with_values(SMALL, {'both_directions': True, 'fixed_length': 8})
 
 
 @pytest.fixture(scope='module')
@@ -45,29 +38,18 @@ def reference_map(shown):
     return build_map([shown(number, number, seed=0) for number in range(40)], config=OWN)
 
 
-@pytest.fixture(scope='module')
-def return_drive(shown):
-    """Return what the front camera, which sees nothing known, and the rear one show by turns."""
-    frames = []
-    for number in range(24):
-        frames.append(shown(number, 500 + number, FRONT))
-        frames.append(shown(number, 35 - number, REAR))
-    return frames
-
-
-def test_each_camera_answers_from_its_own_past_and_the_most_confident_localises(
-    reference_map, return_drive
-):
-    cameras = Cameras(reference_map, OWN, [FRONT, REAR])
-    together = [cameras.process(frame) for frame in return_drive]
-    assert [match.query_index for match in together] == list(range(len(return_drive)))
+def test_cameras_answer_from_their_own_past_and_the_surest_localises(reference_map, shown):
+    cameras, frames = Cameras(reference_map, OWN, [FRONT, REAR]), []
+    for number in range(24):  # on the way back, the front camera sees nothing known
+        frames += [shown(number, 500 + number, FRONT), shown(number, 35 - number, REAR)]
+    together = [cameras.process(frame) for frame in frames]
+    assert [match.query_index for match in together] == [*range(48)]
     for source in (FRONT, REAR):
         alone = PlaceRecognizer(reference_map, OWN)
-        own = [alone.process(frame) for frame in return_drive if frame.source == source]
+        own = [alone.process(frame) for frame in frames if frame.source == source]
         said = [match for match in together if match.camera == source]
-        assert [(one.reason, one.candidates) for one in said] == [
-            (one.reason, one.candidates) for one in own
-        ]
+        assert [one.reason for one in said] == [one.reason for one in own]
+        assert [one.candidates for one in said] == [one.candidates for one in own]
     rear = [match.accepted for match in together[-19::2]]
     assert [one and one.reference_index for one in rear] == list(range(21, 11, -1))
     for match in together[-2:]:
@@ -170,10 +152,8 @@ def test_what_is_said_of_several_cameras_has_their_names():
 
 
 def test_the_base_between_cameras_brings_one_mount_onto_the_other():
-    front, rear = (
-        replace(LENS, mount=of_roll_pitch_yaw((x_m, 0.0, 1.0), 0.0, 0.0, yaw))
-        for x_m, yaw in ((1.0, 0.0), (-0.5, math.pi))
-    )
+    front = replace(LENS, mount=of_roll_pitch_yaw((1.0, 0.0, 1.0), 0.0, 0.0, 0.0))
+    rear = replace(LENS, mount=of_roll_pitch_yaw((-0.5, 0.0, 1.0), 0.0, 0.0, math.pi))
     moved = base_between(front, rear)
     np.testing.assert_allclose(moved @ matrix(rear.mount), matrix(front.mount), atol=1e-12)
     assert moved[:3, 3] == pytest.approx([0.5, 0.0, 0.0])

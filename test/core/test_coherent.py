@@ -33,7 +33,6 @@ import pytest
 from world import map_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-
 LEAST_BITS = 0.5 * ENTROPY.max_bits
 
 
@@ -58,11 +57,8 @@ def oracle(query, entropy, reference):
         return found
 
     own, other = regions(query), regions(reference)
-    salient = [
-        (row, column)
-        for row, column in own
-        if entropy[row : row + 3, column : column + 3].mean() >= LEAST_BITS
-    ]
+    bits = {(row, column): entropy[row : row + 3, column : column + 3] for row, column in own}
+    salient = [place for place in own if bits[place].mean() >= LEAST_BITS]
     votes = []
     for place in salient:
         best = max(other, key=lambda there, place=place: own[place] @ other[there])
@@ -138,25 +134,23 @@ def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
     for score, reference in zip(found, references, strict=True):
         other, _ = less_background(projected_regions(normalized(reference)), background.of_map)
         share, _ = coherent_score(extract(query, 4.0, own), other)
-        (alike,) = global_similarity(
-            widened(region_blocks(own), 30), region_blocks(other)[None].astype(np.float64)
-        )
+        (same,) = alike(own, other)
         # The matcher rounds regions to bytes.
-        assert score == pytest.approx(share * (1 + alike) / 2, abs=2e-3)
-        assert 0 <= score <= 1
+        assert score == pytest.approx(share * (1 + same) / 2, abs=2e-3)
 
 
 def test_subtracting_the_background_lowers_the_scores_of_wrong_places(monkeypatch):
-    reference_map = map_of(drawn(seed, 0.6) for seed in range(40))
-    query, found = described(drawn(7, 0.55)), []
-    for subtracts in (True, False):
-        if not subtracts:
-            monkeypatch.setattr(Background, 'update_map', lambda _: False)
+    reference_map, query = map_of(drawn(seed, 0.6) for seed in range(40)), drawn(7, 0.55)
+
+    def mean_of_wrong_places():
         one = matcher(reference_map)
-        scores = one.scores_of([(one.extract(query), np.arange(40))])[0]
+        scores = one.scores_of([(one.extract(described(query)), np.arange(40))])[0]
         assert scores.argmax() == 7
-        found.append(np.delete(scores, 7).mean())
-    assert found[0] < found[1] / 3
+        return np.delete(scores, 7).mean()
+
+    subtracted = mean_of_wrong_places()
+    monkeypatch.setattr(Background, 'update_map', lambda _: False)
+    assert subtracted < mean_of_wrong_places() / 3
 
 
 def test_the_global_descriptor_is_the_cosine_transform_of_the_leading_axes():
@@ -164,18 +158,12 @@ def test_the_global_descriptor_is_the_cosine_transform_of_the_leading_axes():
     image = projected_regions(cells).reshape(30, 30, 32)
     found = global_descriptor(cells)
     assert found.shape == (252,) and found.dtype == np.float16
+    middles = (np.arange(30) + 0.5) / 30
+    waves = [(np.sqrt(2) if one else 1) * np.cos(np.pi * one * middles) for one in range(6)]
     expected = [
-        np.mean(
-            image[:, :, axis]
-            * (np.sqrt(2) ** ((down > 0) + (across > 0)))
-            * np.outer(
-                np.cos(np.pi * down * (np.arange(30) + 0.5) / 30),
-                np.cos(np.pi * across * (np.arange(30) + 0.5) / 30),
-            )
-        )
-        for down in range(6)
-        for across in range(6 - down)
-        for axis in range(12)
+        np.mean(image[:, :, axis] * np.outer(waves[down], waves[across]))
+        for down, across, axis in product(range(6), range(6), range(12))
+        if down + across < 6
     ]
     assert found == pytest.approx(expected, abs=2e-4)
 
@@ -209,7 +197,6 @@ def test_an_image_without_gradients_is_similar_to_none():
 
 
 def lit(seed):
-    """Return cells of a texture."""
     return np.random.default_rng(seed).random((32, 32, 8), np.float32) ** 3
 
 

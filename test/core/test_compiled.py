@@ -12,7 +12,7 @@ from convseq_ros.app import pipeline
 from convseq_ros.config import make_config
 from convseq_ros.core import compiled
 import numpy as np
-from programs import run
+from programs import needs_library, run
 import pytest
 
 pytestmark = pytest.mark.once
@@ -21,11 +21,6 @@ INSTALLED = Path(compiled.__file__).parents[1]  # the package, which need not be
 # The first bytes of a library for 64-bit ARM, and for x86-64.
 ARM = b'\x7fELF\x02\x01\x01' + bytes(9) + b'\x03\x00\xb7\x00\x01\x00\x00\x00' + bytes(40)
 X86 = ARM.replace(b'\xb7', b'\x3e')
-
-
-def needs_library():
-    if not compiled.available():
-        pytest.skip(f'no compiled kernels: {compiled.library().problem}')
 
 
 def found_in(folder, monkeypatch, **environment):

@@ -1,11 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The estimated pose of the camera in the map, and its covariance."""
+"""The estimated pose of the camera in the map and its covariance; places that give depth."""
 
 import math
 
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.pose.estimate import estimate_pose, turned, with_map_errors
+from convseq_ros.core.pose.estimate import estimate_pose, MapMotion, turned, with_map_errors
 from convseq_ros.core.types import Pose, RelativePose
 from hypothesis import given, strategies
 import numpy as np
@@ -96,14 +96,8 @@ positions = strategies.tuples(*[strategies.floats(-1e3, 1e3)] * 3)
 def test_a_pose_is_never_more_certain_than_the_map(points, data):
     places = along(*(Pose(point, (0.0, 0.0, 0.0, 1.0)) for point in points))
     index = data.draw(strategies.integers(0, len(places) - 1))
-    row = np.array(
-        data.draw(
-            strategies.lists(
-                strategies.floats(0, 1, width=32), min_size=len(places), max_size=len(places)
-            )
-        ),
-        np.float32,
-    )
+    scores = strategies.tuples(*[strategies.floats(0, 1, width=32)] * len(places))
+    row = np.array(data.draw(scores), np.float32)
     covariance = in_inexact_map(places, index, row=row).covariance
     assert (covariance == covariance.T).all()
     assert np.linalg.eigvalsh(covariance[:3, :3]).min() >= 0.25 - 1e-6
@@ -114,3 +108,70 @@ def test_estimates_are_equal_if_pose_and_covariance_are():
     one, other = (estimate_pose(EAST, 2) for _ in range(2))
     assert one == other and len({one, other}) == 1
     assert one != in_inexact_map(EAST, 2) and one != estimate_pose(EAST, 3)
+
+
+@pytest.fixture
+def motion(a_map):
+    """Return the motions of two drives of 12 places, each straight on, a metre apart."""
+    return MapMotion(a_map(12, 12, step_m=1.0))
+
+
+def ahead(x):
+    """Return a relative pose of which only the position matters."""
+    return RelativePose((0.0, 0.0, 0.0, 1.0), (x, 0.0, 0.0), None, np.eye(6), 0)
+
+
+def names(neighbours):
+    return [index for index, _ in neighbours]
+
+
+@pytest.mark.parametrize(
+    ('index', 'times', 'expected'),
+    [
+        (5, 1, [3, 7]),  # the first that are 1.8 m away
+        (5, 2, [4, 3, 6, 7]),  # .9 m
+        (0, 1, [2, 4]),  # nothing lies before the first: two on the other side
+        (2, 1, [0, 4]),
+        (11, 1, [9, 7]),
+        (12, 1, [14, 16]),  # what lies before it is another drive
+    ],
+)
+def test_neighbours_are_two_places_before_and_after_if_there_are(motion, index, times, expected):
+    assert names(motion.neighbours(index, times)) == expected
+
+
+def test_a_place_at_the_very_distance_is_a_neighbour(a_map):
+    assert names(MapMotion(a_map(8, step_m=1.8)).neighbours(0)) == [1, 2]
+
+
+def test_the_motion_to_a_neighbour_is_this_places_pose_in_the_neighbours_frame(motion):
+    ((_, back), (_, on)) = motion.neighbours(5)
+    assert back == pytest.approx(motion.moved(5, 3)) and on == pytest.approx(motion.moved(5, 7))
+    assert back[:3, 3] == pytest.approx([2, 0, 0]) and on[:3, 3] == pytest.approx([-2, 0, 0])
+    assert motion.moved(1, 0)[:3, 3] == pytest.approx([1, 0, 0])
+    assert motion.moved(0, -1) is None and motion.moved(11, 12) is None
+
+
+def test_places_that_look_elsewhere_are_no_neighbours(a_map):
+    turned, aside = a_map(12, step_m=1.0), pose(7, yaw=0.7)
+    turned.places._rows.view['pose'][7] = (*aside.position, *aside.orientation)
+    assert names(MapMotion(turned).neighbours(5)) == [3, 8]
+
+
+@pytest.mark.parametrize(
+    ('ahead_m', 'expected'),
+    [
+        (0.6, 5),  # place 6 is .2 m nearer, which is less than .3
+        (0.7, 6),
+        (-2.2, 3),
+        (30.0, 11),  # of this drive, and of the ten to either side
+    ],
+)
+def test_a_place_replaces_the_match_only_if_nearer_by_30_cm(motion, ahead_m, expected):
+    assert motion.nearest(5, ahead(ahead_m)) == expected
+    assert motion.nearest(5, RelativePose((0.0, 0.0, 0.0, 1.0), None, None, np.eye(6), 0)) == 5
+
+
+def test_without_poses_in_the_map_the_place_itself_is_the_nearest(a_map):
+    motion = MapMotion(a_map(12))
+    assert motion.nearest(5, ahead(3.0)) == 5 and motion.neighbours(5) == []

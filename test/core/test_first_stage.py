@@ -4,15 +4,14 @@
 
 from dataclasses import replace
 
-from convseq_ros.app.map_builder import build_map, link_map
+from convseq_ros import build_map, Config, Frame, open_map, PlaceRecognizer
+from convseq_ros.app.map_builder import link_map
 from convseq_ros.app.pipeline import Pipeline
-from convseq_ros.config import Config, EVERY_FRAME, with_values
+from convseq_ros.config import EVERY_FRAME, with_values
 from convseq_ros.core.encoding.mask import masked
-from convseq_ros.core.map.reader import MapReader, open_map
+from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame
 from convseq_ros.errors import ConfigError, MapError, ModelError
 import cv2
 import numpy as np
@@ -29,11 +28,6 @@ def small(image):
     """Return a copy of an image of 8 x 6 px, less its mean."""
     tiny = cv2.resize(image.astype(np.float32), (8, 6), interpolation=cv2.INTER_AREA)
     return tiny - tiny.mean()
-
-
-def other(image):
-    """Return another vector."""
-    return small(image)[:3]
 
 
 @pytest.fixture
@@ -87,6 +81,10 @@ def test_a_map_of_another_model_is_refused_in_one_line(frames, tmp_path):
     build_map(frames(count=20), path, CONFIG, describe=small)
     build_map(frames(count=20), plain, CONFIG)
     built_in = 'made with the built-in descriptor, asked for descriptor_model'
+
+    def other(image):
+        return small(image)[:3]
+
     for file, config, describe, told in (
         (path, CONFIG, other, 'descriptor_model'), (path, ONLINE, other, 'descriptor_model'),
         (path, ONLINE, None, 'descriptor_model'), (plain, CONFIG, small, built_in),

@@ -31,12 +31,10 @@ def scene(seed, size=60):
 def view(numbers, row=15.0, column=15.0, zoom=1.0, side=SIDE):
     """Return the regions that a camera sees of a scene, from a corner on."""
     middle = (side - 1) / 2
-    matrix = np.array([
-        [zoom, 0, column + middle - zoom * middle], [0, zoom, row + middle - zoom * middle],
-    ])  # fmt: skip
-    warped = cv2.warpAffine(
-        numbers, matrix, (side, side), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    )
+    moved = middle - zoom * middle
+    matrix = np.array([[zoom, 0, column + moved], [0, zoom, row + moved]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    warped = cv2.warpAffine(numbers, matrix, (side, side), flags=flags)
     return packed_regions(unit(warped.reshape(side * side, -1)))
 
 
@@ -135,9 +133,8 @@ def test_the_motion_of_a_hand_worked_field_is_found_among_false_displacements(ke
 def test_kernels_find_what_numpy_finds(kernel, side, start):
     query, other = view(scene(5, 100), side=side), view(scene(6, 100), side=side)
     for reference in (view(scene(5, 100), 16.3, 13.6, 1.1, side), other):
-        ours, theirs = (
-            one.displacements(query, reference, start) for one in (kernel, numpy_kernels)
-        )
+        pair = query, reference, start
+        ours, theirs = kernel.displacements(*pair), numpy_kernels.displacements(*pair)
         assert ours.shape == theirs.shape and ours == pytest.approx(theirs, abs=1e-4)
         motions = (one.fit_motion(ours, side, start) for one in (kernel, numpy_kernels))
         for one, two in zip(*motions, strict=True):

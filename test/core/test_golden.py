@@ -6,8 +6,9 @@ import csv
 from pathlib import Path
 import sys
 
+from convseq_ros import Config, Frame, PlaceRecognizer
 from convseq_ros.cli.parameter_file import read_parameter_file
-from convseq_ros.config import Config, EncodingConfig, make_config, SequenceConfig, with_values
+from convseq_ros.config import EncodingConfig, make_config, SequenceConfig, with_values
 from convseq_ros.core.decision.paper.length import choose_length
 from convseq_ros.core.decision.paper.pair_score import (
     pair_scores,
@@ -16,8 +17,6 @@ from convseq_ros.core.decision.paper.pair_score import (
     PaperSimilarity,
 )
 from convseq_ros.core.encoding.descriptor import describe, local_entropy
-from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame
 import cv2
 import numpy as np
 import pytest
@@ -71,11 +70,8 @@ def test_pair_scores_agree(described, golden, drive, name):
 
 def test_sequence_lengths_agree(described, golden):
     queries, similarity = described[0], PaperSimilarity()
-    lengths = [
-        choose_length(queries[index::-1], similarity, SequenceConfig()) or 0
-        for index in range(COUNT)
-    ]
-    assert lengths == golden['lengths'].tolist()
+    for index, expected in enumerate(golden['lengths']):
+        assert (choose_length(queries[index::-1], similarity, SequenceConfig()) or 0) == expected
 
 
 def test_the_recogniser_gives_the_same_lengths_scores_and_best_matches(images, described, golden):
@@ -126,19 +122,13 @@ class Published:
         matcher = PaperMatcher(reference_map)
         recognizers = [PlaceRecognizer(reference_map, one, matcher=matcher) for one in configs]
         self.answers, last = [[] for _ in changes], len(references) - 1
-        for index, (gray, descriptor) in enumerate(
-            zip(queries, self.described[::-1], strict=True)
-        ):
+        shown = zip(queries, self.described[::-1], strict=True)
+        for index, (gray, descriptor) in enumerate(shown):
             for recognizer, answers in zip(recognizers, self.answers, strict=True):
                 match = recognizer.process(Frame(index, gray), descriptor)
                 if best := match.accepted:
                     answer = last - best.reference_index, best.score, match.sequence_length
                     answers.insert(0, (len(queries) - 1 - index, *answer))
-
-
-def golden_rows(path):
-    with path.open() as file:
-        return [[float(value) for value in row] for row in csv.reader(file)]
 
 
 @pytest.fixture(scope='module')
@@ -152,10 +142,7 @@ AT_04 = {'saliency_threshold': 0.4, 'fixed_length': 1}
 def test_scores_of_single_frames_are_those_of_cohog(corridor):
     config = make_config(read_parameter_file(PAPERS) | AT_04)
     queries, references = (
-        [
-            describe(from_bgr(path), config.encoding)
-            for path in sorted(folder.glob('*.jpg'))[::step]
-        ]
+        [describe(from_bgr(one), config.encoding) for one in sorted(folder.glob('*.jpg'))[::step]]
         for folder, step in ((corridor / 'query', 4), (corridor / 'ref', 1))
     )
     others = [paper_regions(one.cells) for one in references]
@@ -180,10 +167,9 @@ def golden_rows_of(corridor, name):
 def test_all_answers_are_those_of_the_released_script(corridor):
     lengths = {'fixed_length': 0}, {'fixed_length': 10}
     found = Published(corridor / 'query', corridor / 'ref', straight_to_grey, *lengths)
-    for name, count, answers in zip(
-        ('dynamic', 'static_k10'), (97, 102), found.answers, strict=True
-    ):
-        golden = golden_rows(corridor / 'golden' / f'authors_{name}_corridor.csv')
+    named = zip(('dynamic', 'static_k10'), (97, 102), found.answers, strict=True)
+    for name, count, answers in named:
+        golden = np.loadtxt(corridor / f'golden/authors_{name}_corridor.csv', delimiter=',')
         assert len(answers) == len(golden) == count
         for (query, best, score, k), theirs in zip(answers, golden, strict=True):
             assert (query, best) == (theirs[0], theirs[1])

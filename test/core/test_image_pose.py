@@ -5,10 +5,10 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
-from convseq_ros.app.map_builder import build_map
-from convseq_ros.config import Config, EVERY_FRAME
+from convseq_ros import build_map, Config, open_map, PlaceRecognizer
+from convseq_ros.config import EVERY_FRAME
 from convseq_ros.config.reading_config import ReadingConfig
-from convseq_ros.core.map.reader import MapReader, open_map
+from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.map.writer import save_map
@@ -20,7 +20,6 @@ from convseq_ros.core.pose.image_pose import (
     matched_keypoints,
     SiftKeypoints,
 )
-from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import inverse, matrix, ROBOT_LENS
 from convseq_ros.core.types import Camera
 import cv2
@@ -72,15 +71,13 @@ def test_cells_give_the_pose_where_keypoints_do_not_agree(street, whole):
     plain = measured(changed(whole, lambda *_: None), query, 11)
     noise = np.random.default_rng(0).integers(0, 256, (240, 320), np.uint8)
     blank, noise = (cv2.imencode('.jpg', one)[1].tobytes() for one in (0 * noise + 128, noise))
-    others = [
-        changed(whole, change)
-        for change in (
-            lambda *_: blank,
-            lambda at, jpeg: jpeg[:at],
-            lambda at, jpeg: jpeg if at == 11 else None,
-            lambda *_: noise,
-        )
-    ]
+    changes = (
+        lambda *_: blank,
+        lambda at, jpeg: jpeg[:at],
+        lambda at, jpeg: jpeg if at == 11 else None,
+        lambda *_: noise,
+    )
+    others = [changed(whole, change) for change in changes]
     for other in others:
         pose = measured(other, query, 11)
         assert pose.position_m == plain.position_m and pose.inliers == plain.inliers
@@ -137,9 +134,9 @@ def test_units_of_keypoints_are_those_of_the_image_that_was_searched():
 
 
 def test_keypoints_match_that_are_mutual_and_clearly_nearer_than_the_second():
+    rows = [(0, 0), (50, 0), (100, 0)], [(8, 0), (0, 10), (50, 0), (109, 0), (100, 10)]
     first, second = (
-        SiftKeypoints(np.zeros((len(rows), 2)), np.array(rows, np.float32), (1, 1))
-        for rows in ([(0, 0), (50, 0), (100, 0)], [(8, 0), (0, 10), (50, 0), (109, 0), (100, 10)])
+        SiftKeypoints(np.zeros((len(one), 2)), np.array(one, np.float32), (1, 1)) for one in rows
     )
     # 8 of 10 are clear, and 9 of 10 are not.
     assert matched_keypoints(first, second).tolist() == [[0, 0], [1, 2]]

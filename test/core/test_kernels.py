@@ -7,7 +7,7 @@ from pathlib import Path
 import sys
 
 from convseq_ros.core import compiled
-from convseq_ros.core.compiled import available, library, VARIANTS
+from convseq_ros.core.compiled import library, VARIANTS
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import projected_regions, unit
 from convseq_ros.core.map.place import pack_cells, unpack_cells
@@ -20,16 +20,11 @@ import cv2
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from programs import run
+from programs import needs_library, run
 import pytest
 
 INSTALLED_IN = Path(compiled.__file__).parents[2]  # which need not be the repository
 DEFINITION = NumpyCoherent()
-
-
-def needs_library():
-    if not available():
-        pytest.skip(f'no compiled kernels: {library().problem}')
 
 
 def drawn(seed, side=32, share=0.7):
@@ -70,9 +65,8 @@ def test_scores_agree_for_any_size_and_any_salient_share(side, share, seed):
 def test_of_the_same_regions_scores_and_shifts_are_equal(side, share, seed, values, step):
     """Also where products are equal, of which the last one counts."""
     kernels, rng = (compiled_kernel(), DEFINITION), np.random.default_rng(seed)
-    query, *references = unit(
-        rng.integers(-values, values + 1, (4, side**2, 32)).astype(np.float32)
-    )
+    numbers = rng.integers(-values, values + 1, (4, side**2, 32))
+    query, *references = unit(numbers.astype(np.float32))
     references[0] = query
     index = np.sort(rng.permutation(side**2)[: max(1, round(share * side**2))])
     salient = CoherentQuery(query[index], index, side)
@@ -93,9 +87,8 @@ def test_compiled_regions_are_those_of_the_definition(side):
     cells = np.random.default_rng(side).random((side, side + 1, 8), np.float32)[:, 1:] ** 3
     cells[side // 2 :, : side // 2] = 0
     for scale in (1e-3, 1, 391_754):
-        found, expected = (
-            project(cells * np.float32(scale)) for project in (projected, projected_regions)
-        )
+        scaled = cells * np.float32(scale)
+        found, expected = projected(scaled), projected_regions(scaled)
         assert found.shape == expected.shape and found.dtype == np.float32
         assert np.abs(found - expected).max() < 1e-6
     assert np.abs(projected(np.zeros_like(cells)) - projected_regions(0 * cells)).max() < 1e-6

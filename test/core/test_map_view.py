@@ -6,7 +6,7 @@ from dataclasses import replace
 import math
 from pathlib import Path
 
-from convseq_ros.app.map_builder import build_map
+from convseq_ros import build_map, Frame, PlaceRecognizer
 from convseq_ros.app.match_picture import answer_picture
 from convseq_ros.config import EncodingConfig, make_config, MatchingConfig
 from convseq_ros.core.encoding.descriptor import describe, visible_cells
@@ -14,9 +14,8 @@ from convseq_ros.core.geometry.lens import pixels, rays_through
 from convseq_ros.core.geometry.map_view import field_of_view, MapView
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.session_slice import joined, slices_of
-from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import of_roll_pitch_yaw
-from convseq_ros.core.types import Camera, Frame, Reason
+from convseq_ros.core.types import Camera, Reason
 import cv2
 import numpy as np
 from pictures import walls
@@ -31,15 +30,11 @@ def zoomed(scale, lens=LENS):
     return replace(lens, fx_px=lens.fx_px * scale, fy_px=lens.fy_px * scale)
 
 
-def mapped(*cameras):
-    made = ReferenceMap(ENCODING)
-    for camera in cameras:
-        made.begin_session(0, camera)
-    return made
-
-
 def view(*cameras, grows=False, encoding=ENCODING):
-    return MapView(mapped(*cameras), encoding, grows)
+    mapped = ReferenceMap(ENCODING)
+    for camera in cameras:
+        mapped.begin_session(0, camera)
+    return MapView(mapped, encoding, grows)
 
 
 def frame(camera, seed=1):
@@ -90,9 +85,8 @@ def test_the_image_of_a_narrower_lens_stands_in_the_middle_of_a_mask():
 
 
 def test_what_the_map_masks_stays_masked():
-    masked = replace(
-        ENCODING, image_mask=f'#{np.packbits(np.tri(16, dtype=bool)).tobytes().hex()}'
-    )
+    mask = f'#{np.packbits(np.tri(16, dtype=bool)).tobytes().hex()}'
+    masked = replace(ENCODING, image_mask=mask)
     of_map = view(LENS, encoding=masked)
     of_map.brought(frame(zoomed(1.5)))
     assert not visible(of_map)[~np.tri(16, dtype=bool)].any() and visible(of_map).any()
@@ -142,10 +136,8 @@ def test_frames_of_a_like_or_unknown_lens_stay_as_they_are(cameras, camera):
 
 def test_the_most_similar_lens_of_the_map_counts():
     of_map = view(zoomed(4), zoomed(1.5), zoomed(0.5))
-    assert (
-        of_map.brought(frame(LENS)).camera.fx_px == pytest.approx(32, abs=0.3)
-        and 'map 67' in of_map.problem
-    )
+    assert of_map.brought(frame(LENS)).camera.fx_px == pytest.approx(32, abs=0.3)
+    assert 'map 67' in of_map.problem
 
 
 def test_large_images_are_reduced_to_the_view():
@@ -188,17 +180,10 @@ def test_places_of_another_lens_than_the_view_are_barred(camera, grows, barred, 
 CONFIG = make_config({'image_size_px': 256, 'keyframe_overlap': 1.0})
 
 
-@pytest.fixture(scope='module')
-def gallery():
-    """Return a map of 30 pictures that have nothing in common, and the pictures."""
-    pictures = walls(30)
-    lens = Camera(160, 120, 80.0, 80.0, 79.5, 59.5)
+def test_a_place_is_recognised_through_a_narrower_lens_and_too_narrow_a_one_is_told():
+    pictures, lens = walls(30), Camera(160, 120, 80.0, 80.0, 79.5, 59.5)
     frames = [Frame(at * 10**8, gray, camera=lens) for at, gray in enumerate(pictures)]
-    return build_map(frames, config=CONFIG, links=False), pictures
-
-
-def test_a_place_is_recognised_through_a_narrower_lens_and_too_narrow_a_one_is_told(gallery):
-    reference_map, pictures = gallery
+    reference_map = build_map(frames, config=CONFIG, links=False)
 
     def drive(scale):
         recognizer = PlaceRecognizer(reference_map, CONFIG)

@@ -38,7 +38,6 @@ def papers(reference_map, _kept=None, _threads=1):
 
 @pytest.fixture(params=[ours, papers])
 def made(request):
-    """Return a function that makes a matcher of a map."""
     return request.param
 
 
@@ -74,10 +73,8 @@ def test_a_score_depends_on_no_other_reference_thread_or_cache(made):
 def watched(monkeypatch):
     """Return a map that remembers in `reads` which places were read together."""
     reference_map, reads = drawn_map(40, blank=(7,)), []
-    packed_of = reference_map.packed_of
-    monkeypatch.setattr(
-        reference_map, 'packed_of', lambda all_: reads.append([*all_]) or packed_of(all_)
-    )
+    read = reference_map.packed_of
+    monkeypatch.setattr(reference_map, 'packed_of', lambda of: reads.append([*of]) or read(of))
     return reference_map, reads
 
 

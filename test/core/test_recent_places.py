@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
+from convseq_ros import Frame, PlaceRecognizer
 from convseq_ros.config import EncodingConfig, make_config, with_values
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.scenes import Scenes
-from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame
 import cv2
 import numpy as np
 from poses import at
@@ -44,10 +43,8 @@ DRIVES = {
 def wall():
     """Return a picture of a long wall, coarse and fine, that shows nothing twice."""
     rng, width = np.random.default_rng(1), 3200
-    layers = [
-        cv2.resize(rng.random((HEIGHT // cell, width // cell), np.float32), (width, HEIGHT))
-        for cell in (4, 8, 20)
-    ]
+    coarse = [rng.random((HEIGHT // cell, width // cell), np.float32) for cell in (4, 8, 20)]
+    layers = [cv2.resize(one, (width, HEIGHT)) for one in coarse]
     return cv2.normalize(sum(layers), None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
 
 
@@ -96,19 +93,16 @@ def test_a_drive_that_never_returns_matches_nothing(wall, drive, spacing):
 
 def test_a_clock_that_jumps_back_makes_no_place_old_enough(wall):
     first = along(wall, range(40), 0.1)
-    later = [
-        replace(one, stamp_ns=one.stamp_ns - 6 * SECOND) for one in along(wall, range(80), 0.1)
-    ]
-    recognizer, matches = driven([*first, *later[40:]])
+    later = along(wall, range(80), 0.1)[40:]
+    jumped = [replace(one, stamp_ns=one.stamp_ns - 6 * SECOND) for one in later]
+    recognizer, matches = driven([*first, *jumped])
     assert recognizer.resets == 1 and len(recognizer.reference_map.sessions) == 2
     assert 0 < recognizer.mapping.usable < len(recognizer.reference_map) - 18
     assert not any(match.accepted for match in matches)
 
 
 @pytest.mark.parametrize(('paused_s', 'recent'), [(3, 20), (29, 20), (31, 0), (86_400, 0)])
-def test_a_recogniser_that_was_started_again_does_not_match_what_it_saw_before(
-    wall, paused_s, recent
-):
+def test_a_recogniser_started_again_does_not_match_what_it_saw_before(wall, paused_s, recent):
     frames, cut = along(wall, range(110), 0.1), 60
     killed, _ = driven(frames[:cut])
     places = len(killed.reference_map)

@@ -5,10 +5,9 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.app.map_builder import build_map
-from convseq_ros.config import Config, EncodingConfig, OnlineConfig
+from convseq_ros import build_map, Config, PlaceRecognizer
+from convseq_ros.config import EncodingConfig, OnlineConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import LocalizationState, Pose, Reason
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.route import Route
@@ -22,17 +21,13 @@ pytestmark = pytest.mark.once
 ROUTE = Route(((10.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0), (0.0, 0.0), (10.0, 0.0)), 3)
 
 ROUND, SPEED_MPS, STEP_NS = 70, ROUTE.length_m / 7, 10**8  # frames, 10 Hz
-
 ENCODING = EncodingConfig(image_size_px=256)
-
 ONLINE = Config(encoding=ENCODING, online=OnlineConfig(mode='online'))
-
 RIGHT_M = 5.0
 
 
 @pytest.fixture(scope='module')
 def one_round():
-    """Return the frames of one round."""
     drive = Drive(num_frames=ROUND, speed_mps=SPEED_MPS, width_px=160, height_px=120)
     return [shot.frame for shot in shots_of(ROUTE, drive)]
 
@@ -55,20 +50,17 @@ def driven(shots, config=ONLINE):
         match = recognizer.process(frame)
         if match.reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY):
             continue
-        off_m = None
-        if match.accepted:
-            there = shots[match.accepted.reference_stamp_ns // STEP_NS][1]
-            off_m = math.dist(there, truth)
+        best = match.accepted
+        off_m = best and math.dist(shots[best.reference_stamp_ns // STEP_NS][1], truth)
         found.append((index, off_m))
     return grown, found
 
 
 @pytest.mark.parametrize('with_odometry', [False, True])
 def test_the_second_and_third_round_are_recognised_and_linked(one_round, with_odometry):
-    shots = [
-        (one if with_odometry else replace(one, pose=None), one.pose.position)
-        for one in rounds(one_round, 3)
-    ]
+    shots = [(one, one.pose.position) for one in rounds(one_round, 3)]
+    if not with_odometry:
+        shots = [(replace(one, pose=None), truth) for one, truth in shots]
     grown, found = driven(shots)
     # The last frame of the first round sees its beginning.
     assert not [index for index, off_m in found if off_m is not None and index < ROUND - 1]
@@ -87,19 +79,18 @@ def test_the_second_and_third_round_are_recognised_and_linked(one_round, with_od
 
 def test_links_in_cool_down_keep_their_transform_and_are_held_back(one_round):
     seldom = replace(ONLINE, acceptance=replace(ONLINE.acceptance, closure_interval_s=1.0))
-    shots = [
-        (replace(one, pose=replace(one.pose, variances=(0.01, 0.01))), one.pose.position)
-        for one in rounds(one_round, 2)
-    ]
+    shots = []
+    for one in rounds(one_round, 2):
+        pose = replace(one.pose, variances=(0.01, 0.01))
+        shots.append((replace(one, pose=pose), pose.position))
     always, told = (driven(shots, config)[0] for config in (ONLINE, seldom))
     assert sum(bool(one.relative) for one in told.links.each()) > 20
     assert [*map(link_facts, always.links.each())] == [*map(link_facts, told.links.each())]
     trail = told.trail.since(0)
     assert 3 < sum(bool(one.other) for one in trail) <= 8
-    held_back = {one.stamp_ns for one in trail if one.is_held_back}
-    assert held_back == {
-        told.places[one.place].stamp_ns for one in told.links.each() if one.relative
-    } - {one.stamp_ns for one in trail if one.other}
+    told_at = {one.stamp_ns for one in trail if one.other}
+    linked_at = {told.places[one.place].stamp_ns for one in told.links.each() if one.relative}
+    assert {one.stamp_ns for one in trail if one.is_held_back} == linked_at - told_at
     assert not any(one.is_held_back for one in always.trail.since(0))
 
 
@@ -108,7 +99,6 @@ def link_facts(one):
 
 
 SIZE = {'width_px': 160, 'height_px': 120}
-
 LOCALISED = LocalizationState.LOCALISED
 
 
