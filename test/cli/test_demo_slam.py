@@ -26,10 +26,8 @@ def test_closures_of_the_node_correct_the_path_and_false_ones_do_not(tmp_path):
     route, source = town.two_blocks(30.0, 24.0), Path(town.__file__).read_bytes()
     drawn = drives.kept(lambda: town.shots(route), 'simulated', source, route)
     write_recording(tmp_path / 'drive', drawn, info_topic='/camera/camera_info')
-    truth, odometry = (
-        {stamp_ns: pose.position for stamp_ns, pose in read_poses(tmp_path / 'drive', topic)}
-        for topic in ('/ground_truth', '/odom')
-    )
+    topics = (read_poses(tmp_path / 'drive', topic) for topic in ('/ground_truth', '/odom'))
+    truth, odometry = ({at_ns: pose.position for at_ns, pose in poses} for poses in topics)
     false = (min(truth) + 36 * SECOND, min(truth) + 7 * SECOND)
     assert math.dist(truth[false[0]], truth[false[1]]) > 15
     play(tmp_path, len(truth), 8.0, SETTINGS, [false])
@@ -54,10 +52,8 @@ def test_the_error_is_after_the_best_turn_and_shift_without_a_mirror():
     rng = np.random.default_rng(1)
     truth = {at: (*rng.uniform(0, 50, 2).tolist(), 0.0) for at in range(30)}
     cos, sin = math.cos(2.0), math.sin(2.0)
-    moved = {
-        at: (cos * x - sin * y + 7.0, sin * x + cos * y - 3.0, 1.0)
-        for at, (x, y, _) in truth.items()
-    }
+    turned = {at: (cos * x - sin * y, sin * x + cos * y) for at, (x, y, _) in truth.items()}
+    moved = {at: (x + 7.0, y - 3.0, 1.0) for at, (x, y) in turned.items()}
     assert error_m(moved, truth) < 1e-9
     assert error_m({at: (x, -y, z) for at, (x, y, z) in truth.items()}, truth) > 5
     assert error_m({**moved, 99: (0.0, 0.0, 0.0)}, truth) < 1e-9  # which has no truth

@@ -39,14 +39,10 @@ def test_a_table_is_printed_and_the_folder_written(street, capsys):
     lines = out.splitlines()
     assert not err and 'R@1   R@5  R@10  R@20 ' in lines[0]
     assert lines[0].split()[:3] == ['set', 'method', 'acc.']
-    assert [line.split()[:3] for line in lines[1:]] == [
-        ['street', 'cohog', '1.000'],
-        ['street', 'hog', '1.000'],
-    ]
-    assert [line.split()[7:11] for line in lines[1:]] == [
-        ['1.000', '1.000', '1.000', '1.000'],
-        ['+0.000', '(+0.00', 'to', '+0.00)'],
-    ]
+    cohog, hog = (line.split() for line in lines[1:])
+    assert (cohog[:3], hog[:3]) == (['street', 'cohog', '1.000'], ['street', 'hog', '1.000'])
+    assert cohog[7:11] == ['1.000', '1.000', '1.000', '1.000']
+    assert hog[7:11] == ['+0.000', '(+0.00', 'to', '+0.00)']
     assert (street.parent / 'out' / 'summary.csv').exists()
 
 
@@ -64,9 +60,7 @@ def test_a_folder_with_a_page_or_a_table_of_somebody_else_is_refused(street, cap
     assert evaluate(street, street, '--method', 'hog') == 0  # its own is replaced
 
 
-def test_a_sweep_runs_the_papers_method_with_each_value_and_draws_them(
-    street, monkeypatch, capsys
-):
+def test_a_sweep_runs_and_draws_the_papers_method_with_each_value(street, monkeypatch, capsys):
     figures = []
     monkeypatch.setattr(results, 'svg', lambda figure: figures.append(figure) or '<svg/>')
     assert evaluate(street, street, '--sweep', 'k=1..3', '--json') == 0
@@ -130,9 +124,7 @@ def test_results_of_several_people_are_put_in_one_table(street, capsys):
         (None, 'b.json: no summary of `convseq evaluate`'),
     ],
 )
-def test_figures_that_cannot_be_compared_are_refused_in_one_line(
-    tmp_path, capsys, change, problem
-):
+def test_figures_that_cannot_be_compared_are_refused(tmp_path, capsys, change, problem):
     own = {'set': 'street', 'method': 'a', 'protocol_version': 2, 'images': {'query': 'one'}}
     own |= {'truth': 'one', 'criterion': 'score'}
     (tmp_path / 'a.json').write_text(json.dumps(own))

@@ -115,9 +115,8 @@ def told(path, capsys):
 @pytest.mark.parametrize('name', DEPTH_CAMERAS)
 def test_colour_is_proposed_and_depth_never(name, tmp_path, capsys):
     color, depth, encoding = DEPTH_CAMERAS[name]
-    color_info, depth_info = (
-        f'{topic.rpartition("/")[0]}/camera_info' for topic in (color, depth)
-    )
+    rooms = (topic.rpartition('/')[0] for topic in (color, depth))
+    color_info, depth_info = (f'{room}/camera_info' for room in rooms)
     gray, rows = picture(0), []
     for stamp_ns in (START_NS, START_NS + STEP_NS):
         depths = image(gray, stamp_ns, encoding=encoding)
@@ -135,14 +134,14 @@ def test_colour_is_proposed_and_depth_never(name, tmp_path, capsys):
 
 def test_colour_comes_first_then_raw_images_and_usual_names(tmp_path, capsys):
     gray = picture(0)
-    color = np.dstack([gray] * 3)
+    color = {'encoding': 'bgr8', 'step': 3 * gray.shape[1], 'data': np.repeat(gray, 3)}
     messages = {
         '/a/debug_image': image(gray),
-        '/a/drawn': image(gray, encoding='bgr8', step=3 * gray.shape[1], data=color.ravel()),
+        '/a/drawn': image(gray, **color),
         '/a/mono': image(gray),
         '/b/compressed': compressed(gray, name='rgb8; jpeg compressed bgr8'),
         '/b/compressedDepth': compressed(gray, name='16UC1; compressedDepth png'),
-        '/b/image_raw': image(gray, encoding='bgr8', step=3 * gray.shape[1], data=color.ravel()),
+        '/b/image_raw': image(gray, **color),
     }
     rows = [(topic, START_NS, message) for topic, message in messages.items()]
     path = write_recording(tmp_path, 'mcap folder', rows)

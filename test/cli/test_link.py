@@ -74,10 +74,8 @@ def test_two_drives_are_linked_brought_together_and_drawn(driven, tmp_path, caps
     opened = open_map(files[1])
     frames = {session.frame for session in opened.sessions}
     assert len(frames) == 1 and None not in frames
-    off_m = [
-        math.dist(one.pose.position, at) for one, at in zip(opened.places, truth, strict=True)
-    ]
-    assert max(off_m) < 0.5
+    off_m = map(math.dist, (one.pose.position for one in opened.places), truth)
+    assert len(opened) == len(truth) and max(off_m) < 0.5
     lines = files[0].read_text().splitlines()
     assert sum(line.startswith('VERTEX_SE3:QUAT') for line in lines) == 2 * PLACES
     measured = sum(link['position_m'] is not None for link in links)
@@ -162,13 +160,8 @@ def circled(tmp_path_factory):
     path = tmp_path_factory.mktemp('circled') / 'map.db'
     corners = ((10.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0), (0.0, 0.0), (10.0, 0.0))
     route = Route((*corners[:-1], *corners[1:]), 3)
-    drive = Drive(
-        num_frames=180,
-        speed_mps=route.length_m / 90,
-        frame_rate_hz=2.0,
-        width_px=240,
-        height_px=180,
-    )
+    how = {'num_frames': 180, 'frame_rate_hz': 2.0, 'width_px': 240, 'height_px': 180}
+    drive = Drive(speed_mps=route.length_m / 90, **how)
     shots = shots_of(route, drive)
     truth = [shot.pose.position for shot in shots]
     drift = Drift(scale=0.02, yaw_bias_deg=4.0, seed=2)
@@ -184,9 +177,7 @@ def _off_m(path, truth):
     return error_m(own, dict(enumerate(truth)))
 
 
-def test_a_drive_that_crosses_its_path_is_linked_once_and_its_poses_improve(
-    circled, tmp_path, capsys
-):
+def test_a_drive_that_crosses_its_path_is_linked_once_and_improves(circled, tmp_path, capsys):
     gtsam = pytest.importorskip('gtsam')
     path, truth = circled
     graph, better = tmp_path / 'graph.g2o', tmp_path / 'better.db'
@@ -197,9 +188,8 @@ def test_a_drive_that_crosses_its_path_is_linked_once_and_its_poses_improve(
     off_m = [math.dist(truth[one['place']], truth[one['other']]) for one in links]
     # One place of a drawn street looks like another; the poses improve all the same.
     assert sorted(off_m)[-2] < 5.0
-    assert {(one.place, one.other) for one in open_map(path).links.each()} == {
-        (one['place'], one['other']) for one in links
-    }
+    stored = {(one.place, one.other) for one in open_map(path).links.each()}
+    assert stored == {(one['place'], one['other']) for one in links}
     assert _off_m(better, truth) < 0.5 * _off_m(path, truth)
     assert len(open_map(better).links) == len(links)
     # GTSAM's own reader, too, finds it there.
@@ -218,9 +208,8 @@ def test_linking_without_poses_or_links_writes_nothing_and_gives_the_reason(tmp_
     pytest.importorskip('gtsam')
     path, better = tmp_path / 'map.db', tmp_path / 'better.db'
     with MapBuilder(path, Config(keyframes=EVERY_FRAME)) as builder:
-        for shot in shots_of(
-            Street(60.0, seed=5), Drive(num_frames=4, width_px=160, height_px=120)
-        ):
+        drive = Drive(num_frames=4, width_px=160, height_px=120)
+        for shot in shots_of(Street(60.0, seed=5), drive):
             builder.process(replace(shot.frame, pose=None))
     assert main(['map', 'link', str(path), '-o', str(better)]) == 1
     assert 'no place was passed twice, so there is no link' in capsys.readouterr().err

@@ -52,8 +52,8 @@ def test_one_image_is_a_candidate_or_localised_by_its_margin(place_map, images, 
     settings = SETTINGS if rule == 'margin' else ['--search', 'exhaustive']
     assert main(['locate', *images(7), '--map', str(path), '--json', *settings]) == 0
     answer = json.loads(capsys.readouterr().out)
-    state = 'localised' if rule == 'margin' else 'candidate'
-    assert (answer['state'], answer['place'], answer['images']) == (state, 7, 1)
+    assert (answer['place'], answer['images']) == (7, 1)
+    assert answer['state'] == ('localised' if rule == 'margin' else 'candidate')
     if rule == 'belief':
         assert answer['problem'] == 'nothing recognised in 1 keyframes (1 weak)'
         assert 0.1 <= answer['quality'] < 0.9
@@ -86,9 +86,8 @@ def test_an_image_that_is_not_recognised_gets_an_answer(place_map, tmp_path, cap
     path, _ = place_map
     cv2.imwrite(str(tmp_path / 'black.png'), np.zeros((120, 160), np.uint8))
     assert main(['locate', str(tmp_path / 'black.png'), '--map', str(path), *SETTINGS]) == 0
-    assert capsys.readouterr().out == (
-        'lost: no keyframe yet: move the robot, so that the image changes\n'
-    )
+    told = 'lost: no keyframe yet: move the robot, so that the image changes\n'
+    assert capsys.readouterr().out == told
 
 
 def test_an_unreadable_image_among_others_is_warned_about(place_map, images, tmp_path, capsys):

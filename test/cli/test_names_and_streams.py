@@ -56,11 +56,8 @@ def test_the_line_to_paste_names_a_folder_of_any_name(name, drive, tmp_path, cap
     base.symlink_to(drive)
     assert main(['info', str(base)]) == 0
     (line,) = [one for one in capsys.readouterr().out.splitlines() if 'build-map' in one]
-    shown = subprocess.run(
-        ['bash', '-c', line.replace('convseq build-map', 'printf %s').replace(' map.db', '')],
-        capture_output=True,
-        check=True,
-    )
+    printing = line.replace('convseq build-map', 'printf %s').replace(' map.db', '')
+    shown = subprocess.run(['bash', '-c', printing], capture_output=True, check=True)
     assert shown.stdout == os.fsencode(base)
 
 

@@ -146,9 +146,7 @@ def contents(folder):
 
 
 @pytest.mark.parametrize(('line', 'named', 'told'), CASES, ids=[line for line, *_ in CASES])
-def test_what_cannot_be_done_is_refused_in_one_line_and_changes_nothing(
-    here, capsys, line, named, told
-):
+def test_what_cannot_be_done_is_refused_and_changes_nothing(here, capsys, line, named, told):
     before = contents(here)
     capsys.readouterr()
     assert main(shlex.split(line)) == 1

@@ -32,9 +32,8 @@ def replay(tmp_path, capsys):
 
     def run(recording, path, *args):
         table = tmp_path / 'result.csv'
-        code = main(
-            ['replay', str(recording), '--map', str(path), '--output', str(table), '--json', *args]
-        )
+        words = '--map', str(path), '--output', str(table), '--json', *args
+        code = main(['replay', str(recording), *words])
         printed = capsys.readouterr()
         if code:
             return code, printed.err
@@ -49,15 +48,11 @@ def test_the_second_round_is_recognised_in_the_first(two_rounds, tmp_path, repla
     assert summary['added'] == 2 * ROUND
     assert [row['image'] for row in rows] == [f'{at:03}.png' for at in range(2 * ROUND)]
     # A place may be matched from the 21st frame after it on, and a sequence has two.
-    assert [row['reason'] == 'recent' for row in rows] == [
-        index < 21 for index in range(2 * ROUND)
-    ]
-    accepted = [
-        (int(row['query_index']), int(row['reference_index']))
-        for row in rows
-        if row['reason'] == 'accepted'
-    ]
-    assert accepted == [(index, index - ROUND) for index in range(ROUND + 1, 2 * ROUND)]
+    recent = [at for at, row in enumerate(rows) if row['reason'] == 'recent']
+    assert recent == [*range(21)]
+    accepted = [row for row in rows if row['reason'] == 'accepted']
+    pairs = [(int(row['query_index']), int(row['reference_index'])) for row in accepted]
+    assert pairs == [(index, index - ROUND) for index in range(ROUND + 1, 2 * ROUND)]
     stamps = [frame.stamp_ns for frame in open_source(two_rounds)]
     assert [place.stamp_ns for place in open_map(path).places] == stamps
 
@@ -82,8 +77,7 @@ def test_preloaded_never_writes(two_rounds, tmp_path, replay):
     replay(two_rounds, path, *ONLINE)
     before = path.read_bytes()
     summary, _ = replay(two_rounds, path, *ONLINE, '--mode', 'preloaded')
-    assert path.read_bytes() == before
-    assert summary['added'] == 0
+    assert path.read_bytes() == before and summary['added'] == 0
     assert sorted(tmp_path.iterdir()) == [path, tmp_path / 'result.csv', two_rounds]
 
 
@@ -96,9 +90,7 @@ def test_a_damaged_picture_costs_only_its_own_frame(two_rounds, tmp_path, replay
     assert summary['added'] == whole['added'] - 1 and after[34]['reason'] == 'accepted'
 
 
-def test_a_failed_run_reports_the_places_kept_and_how_to_remove_them(
-    two_rounds, tmp_path, replay, monkeypatch, capsys
-):
+def test_a_failed_run_tells_how_to_remove_its_places(two_rounds, tmp_path, replay, monkeypatch):
     path = tmp_path / 'map.db'
     for remedy in ('delete it', 'convseq map remove '):
         with monkeypatch.context() as patch:

@@ -3,12 +3,11 @@
 """`convseq replay --report`: the page says what the table says, with pictures of both sides."""
 
 import re
+from unittest.mock import Mock
 
+from convseq_ros import Config, open_map, PlaceRecognizer
 from convseq_ros.cli import main
 from convseq_ros.cli.replay_report import COLORS, ReplayReport
-from convseq_ros.config import Config
-from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Reason
 from convseq_ros.io.regular_file import MARK
 from convseq_ros.io.results import read_results
@@ -32,17 +31,13 @@ def drives(tmp_path_factory):
         written(folder / name, (scene(place, seed) for place in range(COUNT)))
         stamps = [frame.stamp_ns for frame in open_source(folder / name)]
         # The second one's odometry starts elsewhere, and looks along y.
-        rows = [
-            f'{at / 1e9:.9f} '
-            + (f'5 {x} 0 0 0 .70710678 .70710678' if seed else f'{x} 0 0 0 0 0 1')
-            for x, at in enumerate(stamps)
-        ]
-        (folder / f'{name}.txt').write_text('\n'.join(rows) + '\n')
-    poses = ['--poses', str(folder / 'first.txt')]
-    assert (
-        main(['build-map', str(folder / 'first'), str(folder / 'map.db'), *poses, *SETTINGS]) == 0
-    )
-    assert main(['build-map', str(folder / 'first'), str(folder / 'bare.db'), *SETTINGS]) == 0
+        row = '{:.9f} 5 {} 0 0 0 .70710678 .70710678\n' if seed else '{:.9f} {} 0 0 0 0 0 1\n'
+        rows = [row.format(at / 1e9, x) for x, at in enumerate(stamps)]
+        (folder / f'{name}.txt').write_text(''.join(rows))
+    build = ['build-map', str(folder / 'first')]
+    poses = '--poses', str(folder / 'first.txt')
+    assert main([*build, str(folder / 'map.db'), *poses, *SETTINGS]) == 0
+    assert main([*build, str(folder / 'bare.db'), *SETTINGS]) == 0
     return folder
 
 
@@ -96,22 +91,15 @@ def test_drive_and_map_coincide_from_above_though_their_odometry_differs(drives)
     assert np.allclose(drive, places, atol=0.01)
 
 
-def test_a_page_that_cannot_be_written_leaves_the_table_and_the_old_page(
-    replayed, tmp_path, monkeypatch
-):
+def test_a_page_that_cannot_be_written_leaves_table_and_old_page(replayed, tmp_path, monkeypatch):
     page = tmp_path / 'page.html'
     page.write_text(old := f'<!-- {MARK} -->')
-
-    def full(*_):
-        raise OSError(28, 'No space left on device', f'{page}.part')
-
+    full = Mock(side_effect=OSError(28, 'No space left on device', f'{page}.part'))
     with monkeypatch.context() as patch:
         patch.setattr('convseq_ros.io.regular_file.replace_safely', full)
         code, errors = replayed()
-    assert code == 1
-    assert [line for line in errors.splitlines() if not line.startswith('warning')] == [
-        f'convseq replay: {page}: No space left on device'
-    ]
+    (line,) = [line for line in errors.splitlines() if not line.startswith('warning')]
+    assert code == 1 and line == f'convseq replay: {page}: No space left on device'
     assert page.read_text() == old and len(read_results(tmp_path / 'result.csv')) == COUNT
     code, errors = replayed(page=page / 'page.html')
     assert code == 1 and f'there is no folder {page}' in errors

@@ -2,20 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """`convseq map merge`, `split`, `remove`, `rename`: exact, and whole or not at all."""
 
+from contextlib import closing
 from dataclasses import replace
 import json
 import resource
 import signal
 
+from convseq_ros import Config, Frame, open_map, PlaceRecognizer
 from convseq_ros.app.map_builder import MapBuilder
 from convseq_ros.cli import main
-from convseq_ros.config import Config, EncodingConfig
+from convseq_ros.config import EncodingConfig
 from convseq_ros.core.map.appender import Appender
 from convseq_ros.core.map.edit import rename_session
-from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.session_slice import slices_of
-from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Camera, Frame, Pose
+from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import MapError
 import numpy as np
 from pictures import scene
@@ -62,7 +62,6 @@ def run(capsys):
 
 @pytest.fixture
 def two(maps, tmp_path, run):
-    """Return a map of two sessions."""
     path = tmp_path / 'two.db'
     assert run('map', 'merge', maps / 'drive0.db', maps / 'drive1.db', '-o', path)[0] == 0
     return path
@@ -103,11 +102,8 @@ def test_a_merged_map_answers_every_frame_as_one_built_in_one_go(maps, tmp_path,
         # A merge links by stored cells, which are rounded: 3 of 90 links differ, and the belief.
         assert one.confidence == pytest.approx(other.confidence, abs=1e-4)
         assert one.candidates[:1] == other.candidates[:1]
-        names = 'confidence', 'localization', 'candidates'
-        rounded = {name: getattr(one, name) for name in names}
-        rounded |= {name: getattr(one, name) for name in ('relative_pose', 'pose', 'anchor')}
-        other = replace(other, **rounded)
-        assert one == other
+        rounded = 'confidence', 'localization', 'candidates', 'relative_pose', 'pose', 'anchor'
+        assert one == replace(other, **{name: getattr(one, name) for name in rounded})
 
 
 def test_a_merged_map_is_split_again(two, maps, tmp_path, run):
@@ -152,21 +148,12 @@ def test_sessions_without_a_name_are_called_after_their_map(tmp_path, run):
 
 @pytest.mark.parametrize(
     'command',
-    [
-        ('remove', '--session', '0'),
-        ('rename', 'other', '--session', '0'),
-        ('unlink',),
-        ('link', '--again'),
-    ],
+    ['remove {} --session 0', 'rename {} other --session 0', 'unlink {}', 'link {} --again'],
 )
 def test_a_map_that_has_an_owner_is_left_alone(command, two, run):
     opened = open_map(two)
-    owner = Appender(two, opened.encoding, opened.keyframes, append=True)
-    try:
-        name, *more = command
-        code, line = run('map', name, two, *more)
-    finally:
-        owner.close()
+    with closing(Appender(two, opened.encoding, opened.keyframes, append=True)):
+        code, line = run('map', *command.format(two).split())
     assert code == 1 and 'another program adds to this map' in line and line.count('\n') == 1
     assert len(open_map(two)) == 2 * PLACES
 
