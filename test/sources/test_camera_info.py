@@ -113,11 +113,8 @@ def test_binning_and_a_region_of_interest_change_the_camera():
 
 
 def test_the_first_calibrated_camera_of_a_recording_is_used(write, pictures):
-    rows = [
-        ('/camera_info', 1, info(k=(0.0,) * 9, p=(0.0,) * 12)),
-        ('/camera_info', 2, info(size=(0, 0))),
-        ('/camera_info', 3, info()),
-    ]
+    infos = info(k=(0.0,) * 9, p=(0.0,) * 12), info(size=(0, 0)), info()
+    rows = [('/camera_info', number, one) for number, one in enumerate(infos, 1)]
     path = write('mcap folder', [*recordings.drive(pictures), *rows])
     assert read_camera_in(path)[0] == CAMERA
     with pytest.raises(SourceError, match='--camera-info /camera_info'):

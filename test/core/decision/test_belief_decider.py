@@ -263,10 +263,8 @@ def test_without_keypoints_a_robot_that_left_a_place_does_not_return_to_it(stree
     if own:
         recognizer.mapping.session_start = recognizer.mapping.drive_start = 0
     shown = [described(place, 1) for place in range(10, 21)] + [described(20, 0), described(20, 1)]
-    reasons = [
-        recognizer.process(Frame(index * STEP_NS, None), one).reason
-        for index, one in enumerate(shown)
-    ]
+    stamped = [Frame(step * STEP_NS, None) for step in range(len(shown))]
+    reasons = [match.reason for match in map(recognizer.process, stamped, shown)]
     # The last frame shows place 20 less than the one before, which is the map's.
     assert set(reasons[4:-1]) == {Reason.ACCEPTED}
     assert reasons[-1] is (Reason.RECENT if own else Reason.ACCEPTED)
