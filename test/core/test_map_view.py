@@ -208,8 +208,8 @@ def test_a_place_is_recognised_through_a_narrower_lens_and_too_narrow_a_one_is_t
 @pytest.mark.parametrize(
     'matching', [MatchingConfig(shortlist_length=4), MatchingConfig(search='exhaustive')]
 )
-def test_a_map_of_several_lenses_goes_by_session(gallery, matching):
-    _, pictures = gallery
+def test_a_map_of_several_lenses_goes_by_session(matching):
+    pictures = walls(30)
     wide = Camera(160, 120, 80.0, 80.0, 79.5, 59.5)
     lenses = {'wide': wide, 'narrow': zoomed(1.6, wide)}
     drives = [
