@@ -130,7 +130,7 @@ def other_circuit(data: Path) -> list[Claim]:
     what = 'another circuit, false'
     if not folder.exists():
         return [Claim(what, told, None, f'{folder} is missing', within=0)]
-    how = '--data', str(folder), '--threads', '1', '--only', 'other circuit'
+    how = '--data', str(folder), '--only', 'other circuit'
     *_, line = output_of(str(HERE / 'laps.py'), *how).splitlines()
     return [Claim(what, told, float(line.split('|')[5]), within=0)]
 

@@ -3,7 +3,7 @@
 """
 Replay drives with other constants of the decision, and print what becomes of them.
 
-Usage: python scripts/fit_decision.py [--data FOLDER] [--real FOLDER] [--drawn]
+Usage: python scripts/fit_decision.py [--data FOLDER] [--real FOLDER]
 [--change NAME=VALUE,... ...] [--curve NAME ...] [--processes 2]. --data has the sets of the
 benchmark, --real those of real_drives.py. On two cores it takes a quarter of an hour to encode the
 drives, and a minute for each change. A name is RECORD.name, such as BELIEF.entering. Each change
@@ -15,12 +15,12 @@ together, and this place is scored with them.
 A match is right within the right distance, and false beyond the wrong one; between them it counts
 as neither. A drive scores (right - 10 false) / keyframes whose place is in the map, or of all
 keyframes, if none is. A place scores the mean of its drives, and has one vote: the score is the
-mean over places. Drawn drives have no vote. Beside it stands the mean of log(p + 0.001), where p
-is the probability that the belief gives to the truth.
+mean over places. The straight, of which nothing returns, has none. Beside it stands the mean of
+log(p + 0.001), where p is the probability that the belief gives to the truth.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 import math
 from typing import Any, NamedTuple
@@ -41,7 +41,7 @@ from convseq_ros.core.similarity.matcher import Matcher
 from convseq_ros.core.similarity.scorer import Features
 from convseq_ros.core.types import Descriptor
 from drives import head, options, progress, row
-from known_drives import drawn_ones, Drive, Make, real
+from known_drives import benchmark, Drive, Make
 import numpy as np
 from real_drives import in_other_light
 
@@ -290,9 +290,7 @@ def mean(scores: Mapping[str, float], but: str = '') -> float:
 def tell(name: str, found: Mapping[str, tuple[str, Counts]]) -> dict[str, float]:
     """Print a row; return the score of each place."""
     scores = by_place(found)
-    of_all = [counts for place, counts in found.values() if place] or [
-        counts for _, counts in found.values()
-    ]
+    of_all = [counts for place, counts in found.values() if place]
     right, false = (sum(one[kind] for one in of_all) for kind in ('right', 'false'))
     logs = np.mean([counts['logs'] / max(1, counts['told']) for counts in of_all])
     each = '; '.join(
@@ -370,15 +368,12 @@ def together(
 
 def main() -> None:
     """Encode, replay, and print tables."""
-    chosen = options(
-        __doc__, data=None, real=None, drawn=False, change=[''], curve=[''], processes=2
-    )
-    makers: Sequence[Make] = [
+    chosen = options(__doc__, data=None, real=None, change=[''], curve=[''], processes=2)
+    makers = [
         *(in_other_light(chosen.real).values() if chosen.real else ()),
-        *(real(chosen.data, {}) if chosen.data else ()),
-        *(drawn_ones({}) if chosen.drawn else ()),
+        *(benchmark(chosen.data) if chosen.data else ()),
     ]
-    drives = Drives(list(makers), chosen.processes)
+    drives = Drives(makers, chosen.processes)
     found = drives.replayed({})
     details(found)
     head('changed', 'score', 'mean log', 'right', 'false', 'right+false of each drive')

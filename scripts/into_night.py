@@ -3,35 +3,46 @@
 """
 Print what a drive finds that goes on from day into night.
 
-Usage: python scripts/into_night.py [--streets 3 4] [--threads 1], two minutes a street. A drawn
-street is driven once by day and then twice by night, in one process: in a map of an earlier day,
-and in its own map, which a lap by day makes before. A match is right within 5 m.
+Usage: python scripts/into_night.py [--streets 3 4], two minutes a street. A drawn street is driven
+once by day and then twice by night, in one process: in a map of an earlier day, and in its own
+map, which a lap by day makes before. A match is right within 5 m.
 """
 
 from collections import Counter
+from dataclasses import replace
+from typing import Any
 
 from convseq_ros import build_map, PlaceRecognizer
-from convseq_ros.config import Config, make_config
-from drives import head, options, row
-from known_drives import Drive, into_night, RIGHT
+from convseq_ros.config import Config
+from convseq_ros.simulation.street import Street
+from drives import head, HOUR_NS, options, RIGHT_M, row, Shots, shots, START_NS
+from known_drives import config_of
 
-LAPS = 'by day', 'first by night', 'second by night'
+STREET_M, LANE_M = 200, -1.5
+LAPS = {'by day': 'day', 'first by night': 'night', 'second by night': 'night'}
 
 
-def laps(drive: Drive, config: Config) -> list[Counter[str]]:
+def driven(street: int, number: int, **how: Any) -> Shots:
+    """Return the frames of a lap; the first one is that of the map."""
+    return shots(
+        Street(STREET_M + 20.0, street), num_frames=STREET_M, seed=10 * street + number,
+        start_ns=START_NS + number * HOUR_NS, **how,
+    )  # fmt: skip
+
+
+def lap_counts(mapped: Shots, laps: list[Shots], config: Config) -> list[Counter[str]]:
     """Return the counts of each lap, and after how many keyframes its first right match is."""
-    frames, found = [frame for frame, _ in drive.mapped], []
-    true = {frame.stamp_ns: at_m for frame, at_m in (*drive.mapped, *drive.queries)}
+    frames, found = [frame for _, frame in mapped], []
+    true = {frame.stamp_ns: at_m for lap in (mapped, *laps) for at_m, frame in lap}
     is_own = config.online.grows
     recognizer = PlaceRecognizer(build_map([] if is_own else frames, None, config), config)
     for frame in frames if is_own else ():
         recognizer.process(frame)
-    length = len(drive.queries) // len(LAPS)
-    for number in range(len(LAPS)):
+    for lap in laps:
         counts = Counter[str]()
-        for frame, at_m in drive.queries[number * length :][:length]:
-            if match := recognizer.process(frame).accepted:
-                is_right = abs(true[match.reference_stamp_ns] - at_m) <= RIGHT
+        for at_m, frame in lap:
+            if match := recognizer.process(replace(frame, pose=None)).accepted:
+                is_right = abs(true[match.reference_stamp_ns] - at_m) <= RIGHT_M
                 counts['right' if is_right else 'false'] += 1
                 if is_right and 'first' not in counts:
                     counts['first'] = counts['keyframes']
@@ -42,13 +53,17 @@ def laps(drive: Drive, config: Config) -> list[Counter[str]]:
 
 def main() -> None:
     """Draw, recognise, and print a row a lap."""
-    chosen = options(__doc__, streets=[3, 4], threads=0)
+    chosen = options(__doc__, streets=[3, 4])
     head('street', 'map', 'lap', 'keyframes', 'right', 'false', 'first right after')
     for street in chosen.streets:
-        drive = into_night(street, {'threads': chosen.threads})
+        mapped = driven(street, 0, start_m=10.0, lane_offset_m=LANE_M, noise=1.0)
+        later = {'start_m': 10.4, 'lane_offset_m': LANE_M + 0.5, 'noise': 2.0}
+        laps = [
+            driven(street, number, light=light, **later)
+            for number, light in enumerate(LAPS.values(), start=1)
+        ]
         for whose, mode in (('of an earlier day', 'preloaded'), ('its own', 'online')):
-            config = make_config({'threads': chosen.threads, 'mode': mode})
-            for lap, one in zip(LAPS, laps(drive, config), strict=True):
+            for lap, one in zip(LAPS, lap_counts(mapped, laps, config_of(mode=mode)), strict=True):
                 first = one['first'] if 'first' in one else '-'
                 row(street, whose, lap, one['keyframes'], one['right'], one['false'], first)
 

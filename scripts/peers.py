@@ -3,10 +3,9 @@
 """
 Print the tables of README and docs/RESULTS.md: ours and common methods, on real places.
 
-Usage: python scripts/peers.py --data FOLDER [--real FOLDER] [--kept FOLDER] [--places corridor
-laps] [--methods ours HBST], more than an hour on one core. It needs scikit-image and pyhbst.
---real has the drives of real_drives.py; places whose images are not there are left out. What was
-measured is kept in --kept, and not measured again: delete it when the code changes.
+Usage: python scripts/peers.py --data FOLDER [--real FOLDER] [--places corridor laps]
+[--methods ours HBST], more than an hour on one core. It needs scikit-image and pyhbst. --real has
+the drives of real_drives.py; places whose images are not there are left out.
 
 All frames whose place is in the map count; half of the map is removed in turn (*open*). RIGHT says
 up to where a match is right, and up to where it is a *slip*, which does not count; all others are
@@ -19,15 +18,12 @@ frame. With --steps, the steps from CoHOG to ours, open and closed, take their p
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from itertools import product
-import json
 from pathlib import Path
 import re
-import tempfile
 import time
-from typing import Any
 
 from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.config import Config, make_config
@@ -47,7 +43,6 @@ from fit_decision import of, RECORDS, set_to
 from known_drives import Drive, Make, of_laps, Shown
 import numpy as np
 import numpy.typing as npt
-from other_sets import OtherSets
 import real_drives
 from real_drives import in_other_light, of_park
 
@@ -55,11 +50,6 @@ READY_MADE = {  # with when a match is right, and up to when it does not count
     'corridor': ('corridor', '2, 5 of 111'),
     'Gardens Point': ('gardens_point_day_day', '2, 5 of 200'),
     'RTAB-Map': ('rtabmap84', '2, 5 of 84'),
-}
-DRAWN = {
-    'drawn night': ('street_night', '2, 5 of 240'),
-    'drawn noise': ('street_noise', '2, 5 of 240'),
-    'drawn other lane': ('street_lane', '2, 5 of 240'),
 }
 IN_OTHER_LIGHT = {
     'courtyard evening': ('court evening', '25, 50 of 284'),
@@ -73,12 +63,10 @@ RIGHT = {  # by place: up to where a match is right, and up to where it does not
     **{place: rule for place, (_, rule) in READY_MADE.items()},
     'laps': '40, 100 of 840',
     **{place: rule for place, (_, rule) in IN_OTHER_LIGHT.items()},
-    **{place: rule for place, (_, rule) in DRAWN.items()},
 }
-PLACES = [place for place in RIGHT if place not in DRAWN]
+PLACES = [*RIGHT]
 ORIGINAL = 'sift-vlad rows=0'  # images as they are: SIFT finds more in some of them
 LARGE = 'Gardens Point', 'house', 'room'  # ... but these are not enlarged
-WORDS = 'ORB, 10^5 words of all other sets'  # is measured if it is named: an hour
 LENGTHS = 1, 10, 20, 40  # frames of a sequence
 
 
@@ -96,9 +84,8 @@ METHODS: Mapping[str, Sequence[str]] = {  # with their variants
     'SeqSLAM': tuple(f'seqslam ds={length}' for length in LENGTHS),
     'CoHOG': tuple(f'diagonal {length} cohog' for length in LENGTHS),
     'HOG': tuple(f'diagonal {length} hog' for length in LENGTHS),
-    WORDS: ('orb-bow vocabulary=WORDS levels=6 direct=4',),
 }
-DECIDING = ('ours', 'ORB', WORDS, 'SIFT', 'HBST')  # others accept each best answer
+DECIDING = ('ours', 'ORB', 'SIFT', 'HBST')  # others accept each best answer
 STEPS = {
     'CoHOG': 'diagonal 1 cohog',
     'no background': 'diagonal 1 single BACKGROUND.fewest_places=1e9',
@@ -192,15 +179,15 @@ def opener(
     place: str, data: Path, real: Path | None, config: Config
 ) -> Callable[[], Material] | None:
     """Return what opens a place's images and truth; None if the images are not there."""
-    if ready_made := (READY_MADE | DRAWN).get(place):
-        data_set = open_data_set(ready_made[0], data)
-        is_there = data_set.query.simulated or data_set.query.path.exists()
+    if place in READY_MADE:
+        data_set = open_data_set(READY_MADE[place][0], data)
+        is_there = data_set.query.path.exists()
         return partial(open_material, data_set, config.encoding) if is_there else None
     folder = data / 'laps' if place == 'laps' else real
     if folder is None or not folder.exists():
         return None
     makes: dict[str, Make] = {
-        'laps': partial(of_laps, folder, {}, 'first'),
+        'laps': partial(of_laps, folder, 'first'),
         'park': partial(of_park, folder, 'park', real_drives.Part('0'), '1'),
         **in_other_light(folder),
     }
@@ -209,91 +196,48 @@ def opener(
 
 
 class Measured:
-    """What was measured of a place, by protocol and variant; none is measured twice."""
+    """What was measured of a place, by variant and protocol; none is measured twice."""
 
-    def __init__(
-        self, place: str, folder: Path, open_place: Callable[[], Material], others: OtherSets
-    ) -> None:
-        self._place, self._folder, self._open = place, folder, open_place
-        self._others = others
-        self._material: Material | None = None
+    def __init__(self, place: str, open_place: Callable[[], Material], config: Config) -> None:
+        self._place, self._open, self._config = place, open_place, config
+        self._found: dict[tuple[str, str], tuple[list[Run], Scores]] = {}
 
-    @property
+    @cached_property
     def material(self) -> Material:
         """The images; they are read when they are first asked for."""
-        self._material = self._material or self._open()
-        return self._material
+        return self._open()
 
-    def runs(self, text: str, config: Config, protocol: str) -> list[Run]:
+    def runs(self, text: str, protocol: str) -> list[Run]:
         """Return the runs of a variant."""
-        return self._of(text, config, protocol)[0]
+        return self._of(text, protocol)[0]
 
-    def _of(self, text: str, config: Config, protocol: str) -> tuple[list[Run], Scores]:
+    def _of(self, text: str, protocol: str) -> tuple[list[Run], Scores]:
         if self._place in LARGE and text == ORIGINAL:
             text = 'sift-vlad'
-        stem = re.sub(r'[^\w.=-]+', '_', f'{self._place} {protocol} {text}')
-        path = self._folder / f'{stem}.npz'
-        if not path.exists():
+        if (text, protocol) not in self._found:
             progress(f'{self._place}, {protocol}: {text}')
-            how = config, ONLINE if self.material.data_set.online else protocol
-            if text.startswith('diagonal'):
-                _, length, of_what = text.split(maxsplit=2)
-                # With half of a map, a recogniser has no scores of all pairs.
-                is_peer = 'rows' in KINDS[of_what.split()[0]].options
-                (base, *_), scores = self._of(of_what, config, protocol if is_peer else CLOSED)
-                found = [diagonal(self.material, text, base, scores, int(length), *how)], scores
-            else:
-                asked = text
-                if 'WORDS' in text:
-                    folders = self._others.folders(self.material.data_set.name.split('-')[0])
-                    asked = text.replace('WORDS', ','.join(map(str, folders)))
-                found = runs(self.material, text, asked, *how)
-            keep(path, *found)
-        return kept(path)
+            self._found[text, protocol] = self._measured(text, protocol)
+        return self._found[text, protocol]
+
+    def _measured(self, text: str, protocol: str) -> tuple[list[Run], Scores]:
+        how = self._config, ONLINE if self.material.data_set.online else protocol
+        if not text.startswith('diagonal'):
+            return runs(self.material, text, *how)
+        _, length, of_what = text.split(maxsplit=2)
+        # With half of a map, a recogniser has no scores of all pairs.
+        is_peer = 'rows' in KINDS[of_what.split()[0]].options
+        (base, *_), scores = self._of(of_what, protocol if is_peer else CLOSED)
+        return [diagonal(self.material, text, base, scores, int(length), *how)], scores
 
 
-def keep(path: Path, found: Sequence[Run], scores: Scores) -> None:
-    """Write runs and pair scores to a file."""
-    arrays: dict[str, npt.NDArray[Any]] = {'scores': scores}
-    for number, run in enumerate(found):
-        told = json.dumps([run.text, run.frame_ms, run.place_bytes])
-        arrays[f'{number} run'] = np.frombuffer(told.encode(), np.uint8)
-        flags = {item.name: getattr(run.verdicts, item.name) for item in fields(Verdicts)}
-        values = {f'values {name}': one for name, one in flags.pop('values').items()}
-        arrays |= {f'{number} {name}': one for name, one in (flags | values).items()}
-    np.savez_compressed(path, allow_pickle=False, **arrays)
-
-
-def kept(path: Path) -> tuple[list[Run], Scores]:
-    """Return the runs and pair scores of a file."""
-    with np.load(path, allow_pickle=False) as stored:
-        arrays = dict(stored)
-    scores, found = arrays.pop('scores'), list[Run]()
-    while (told := arrays.pop(f'{len(found)} run', None)) is not None:
-        start = f'{len(found)} '
-        own = {
-            name.removeprefix(start): one for name, one in arrays.items() if name.startswith(start)
-        }
-        values = {
-            name.removeprefix('values '): own.pop(name)
-            for name in [*own]
-            if name.startswith('values ')
-        }
-        text, frame_ms, place_bytes = json.loads(bytes(told))
-        found.append(Run(text, Verdicts(**own, values=values), frame_ms, place_bytes))
-    return found, scores
-
-
-def runs(
-    material: Material, text: str, asked: str, config: Config, protocol: str
-) -> tuple[list[Run], Scores]:
+def runs(material: Material, text: str, config: Config, protocol: str) -> tuple[list[Run], Scores]:
     """
-    Return the runs of a variant, which is asked so, and its pair scores (Q, R).
+    Return the runs of a variant, and its pair scores (Q, R).
 
     DLoopDetector has one per alpha and number of frames that agree; hbst has one that geometry
     decides, and one that its scores decide.
     """
-    with changed(asked) as rest:
+    with changed(text) as rest:
         method = make_method(parse_method(rest), config)
         if method.kind.recognizer and protocol == OPEN:  # its scores of all pairs are not needed
             none = np.full(material.truth.right.shape, np.nan, np.float32)
@@ -360,15 +304,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument('--data', type=Path, required=True)
     parser.add_argument('--real', type=Path)
-    parser.add_argument('--kept', type=Path, default=Path(tempfile.mkdtemp()))
-    parser.add_argument('--places', nargs='*', default=PLACES, choices=RIGHT)
-    parser.add_argument('--methods', nargs='*', default=[*METHODS][:-1], choices=METHODS)
+    parser.add_argument('--places', nargs='*', default=PLACES, choices=PLACES)
+    parser.add_argument('--methods', nargs='*', default=[*METHODS], choices=METHODS)
     parser.add_argument('--steps', action='store_true')
     chosen = parser.parse_args()
     time.perf_counter = time.process_time  # so that other load does not count
     config = make_config({'threads': 1})
-    others = OtherSets(chosen.data, [name for name, _ in (READY_MADE | DRAWN).values()] + ['laps'])
-    chosen.kept.mkdir(parents=True, exist_ok=True)
     results: dict[str, dict[str, list[Run]]] = {}
     closed: dict[str, dict[str, list[Run]]] = {}
     for place in chosen.places:
@@ -376,17 +317,15 @@ def main() -> None:
         if opening is None:
             progress(f'{place}: its images are not there')
             continue
-        measured = Measured(place, chosen.kept, opening, others)
+        measured = Measured(place, opening, config)
         if chosen.steps:
             for protocol, found in ((OPEN, results), (CLOSED, closed)):
                 found[place] = {
-                    step: measured.runs(text, config, protocol) for step, text in STEPS.items()
+                    step: measured.runs(text, protocol) for step, text in STEPS.items()
                 }
         else:
             results[place] = {
-                method: [
-                    one for text in METHODS[method] for one in measured.runs(text, config, OPEN)
-                ]
+                method: [one for text in METHODS[method] for one in measured.runs(text, OPEN)]
                 for method in chosen.methods
             }
     if not results:

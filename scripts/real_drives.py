@@ -17,15 +17,14 @@ import math
 from pathlib import Path
 
 from convseq_ros import Frame
-from convseq_ros.config import make_config, with_values
 from convseq_ros.evaluation.protocols import kept_halves
 import cv2
-from known_drives import Drive, Make, Shown
+from known_drives import config_of, Drive, Make, Shown, STEP_NS
 import numpy as np
 
 TRUTH = Path(__file__).resolve().parent / 'truth'
-DAY_NS, STEP_NS = 86_400 * 10**9, 10**8
-CONFIG = make_config({'threads': 1})
+DAY_NS = 86_400 * 10**9
+CONFIG = config_of()
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,7 @@ def of_room(folder: Path, name: str) -> Drive:
 def of_straight(folder: Path) -> Drive:
     """Return a drive that maps a straight of a running track, slowly: nothing returns."""
     images = shown(folder / 'straight/drive', lambda _number: math.inf, Part('drive'))
-    return Drive('straight, online', [], images, with_values(CONFIG, {'mode': 'online'}))
+    return Drive('straight, online', [], images, config_of(mode='online'))
 
 
 def in_other_light(folder: Path) -> dict[str, Make]:

@@ -29,8 +29,8 @@ class KEYPOINTS:
     The lead of a place's keypoints: of twice the root of the blocks that agree.
 
     `expected`, `by_day`, `sigma`, `floor` and `surprising` were chosen by hand, from the means and
-    spreads of leads that scripts/fit_observation.py prints. The rest were chosen by the mean log
-    probability that the belief gives to the truth, and by false matches (docs/NOTES.md).
+    spreads of leads of right and of wrong places. The rest were chosen by the mean log probability
+    that the belief gives to the truth, and by false matches (docs/NOTES.md).
     """
 
     expected: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0)  # leads that a place may have

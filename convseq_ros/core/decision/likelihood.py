@@ -40,8 +40,8 @@ class CELLS:
     """
     The density ratio of the cells' leads, its logarithm linear in both; and their scales.
 
-    Chosen by hand between a fit (scripts/fit_observation.py) and no false match, on corridor,
-    laps, Gardens Point, drawn streets and aisles (docs/NOTES.md).
+    Chosen by hand between a fit and no false match, on corridor, laps, Gardens Point, drawn
+    streets and aisles (docs/NOTES.md).
     """
 
     constant: float = -2.0  # without a lead

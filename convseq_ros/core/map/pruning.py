@@ -12,7 +12,7 @@ import numpy as np
 
 @constants
 class STRETCH:
-    """Chosen by recall on a drawn lap that is driven 34 times (scripts/links.py --part round)."""
+    """Chosen by recall on a drawn lap that is driven 34 times, in changing light."""
 
     # Keyframes of a drive that are kept or removed together. If single keyframes are removed, the
     # frames of a sequence match different drives, and recall falls to 75 %.
