@@ -15,6 +15,9 @@ from convseq_ros import Frame, PlaceRecognizer
 from convseq_ros.core.types import Candidate, Pose, Reason
 from convseq_ros.simulation.drive import draw, Drive, Road
 from convseq_ros.simulation.route import Route
+from convseq_ros.sources.camera_info import read_camera_file
+from convseq_ros.sources.folder import ImageFolder
+from convseq_ros.sources.pose_file import read_pose_file
 import numpy as np
 
 RIGHT_M = 5.0
@@ -65,6 +68,18 @@ def shots(road: Road, **how: Any) -> Shots:
     drive = Drive(**{'width_px': 320, 'height_px': 240} | how)
     progress(f'drawing {drive.num_frames} frames by {drive.light}')
     return [(shot.distance_m, shot.frame) for shot in draw(road, drive)]
+
+
+def road(folder: Path) -> list[Frame]:
+    """Return the frames of a folder of KITTI's odometry: images/, poses.txt and calib.txt."""
+    frames = [*ImageFolder(folder / 'images')]
+    assert frames[0].gray is not None
+    pose_at = read_pose_file(folder / 'poses.txt', len(frames))
+    camera = read_camera_file(folder / 'calib.txt', *frames[0].gray.shape)
+    return [
+        replace(frame, pose=pose_at(number, frame.stamp_ns), camera=camera)
+        for number, frame in enumerate(frames)
+    ]
 
 
 def blind(frames: Iterable[Frame]) -> list[Frame]:

@@ -3,8 +3,8 @@
 """
 Print how often map -> odom is within the standard deviations that are told with it.
 
-Usage: python scripts/told_sigma.py [--seeds 0 1 2 3] [--odometries 5] [--roads FOLDER ...]
-       [--part graph node] [--rows FILE], some five minutes a seed.
+Usage: python scripts/told_sigma.py [--seeds 0 1 2 3] [--odometries 5] [--roads FOLDER ...], some
+five minutes a seed.
 
 `graph` is pose_graph_node: it maps a drawn town while it drives through it (online), or drives on
 another day in that map (preloaded). `node` is vpr_node with publish_tf, in that map with the poses
@@ -16,12 +16,10 @@ Roads are folders of KITTI's odometry with images/, poses.txt and calib.txt; eve
 the map, and odometry is drawn.
 
 An error is of the robot's pose in the frame of the map's first pose: position in metres, and
-angle. Frames without a transform do not count. --rows writes each frame: what, odometry, number of
-the drive and of the frame, errors and sigmas in metres and radians.
+angle. Frames without a transform do not count.
 """
 
 from collections.abc import Iterable, Iterator
-import csv
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, product
@@ -45,13 +43,9 @@ from convseq_ros.node.outputs.measured_transform import MeasuredTransform
 from convseq_ros.pose_graph.closures import Closure
 from convseq_ros.pose_graph.graph import PoseGraph
 from convseq_ros.pose_graph.stored import graph_of, solved
-from convseq_ros.simulation.drive import draw, Drive, Shot
 from convseq_ros.simulation.odometry import Drift, DriftingOdometer
 from convseq_ros.simulation.town import BLOCK_M, DRIFT, two_blocks
-from convseq_ros.sources.camera_info import read_camera_file
-from convseq_ros.sources.folder import ImageFolder
-from convseq_ros.sources.pose_file import read_pose_file
-from drives import head, options, progress, row, START_NS
+from drives import head, options, progress, road, row, shots, START_NS
 import numpy as np
 
 DRIFTS = {
@@ -139,30 +133,30 @@ class ByNode:
         return self._sent, values['map_to_odom_sigma_m'], values['map_to_odom_sigma_rad']
 
 
-def drawn(seed: int, day: int, carried: bool = False) -> list[Shot]:
+def drawn(seed: int, day: int, carried: bool = False) -> list[Frame]:
     """Return the frames of the first day, all of the route, or of a part on another day."""
     route, rng = two_blocks(*BLOCK_M, seed), np.random.default_rng(100 * seed + day)
     lanes = np.clip(rng.uniform(-1.9, -1.1, 60), -3, 3)
     at = np.arange(60) * 30.0
-    how = Drive(
-        speed_mps=SPEED_MPS, frame_rate_hz=RATE_HZ, width_px=320, height_px=240,
-        lanes=tuple(zip(at.tolist(), lanes.tolist(), strict=True)), seed=100 * seed + day,
-        light='day' if not day else 'overcast', start_ns=START_NS + day * DAY_NS,
-        num_frames=int((route.length_m - 1) / SPEED_MPS * RATE_HZ),
-    )  # fmt: skip
-    progress(f'drawing town {seed}, day {day}')
-    if day:
-        start_m = float(rng.uniform(0, 120))
-        how = replace(how, start_m=start_m, num_frames=FRAMES)
-    if not carried:
-        return [*draw(route, how)]
-    first = replace(how, num_frames=HALF)
-    there_m = first.distance_m(HALF) + CARRIED_M
-    rest = int((route.length_m - there_m - 1) / SPEED_MPS * RATE_HZ)
-    stamp_ns = how.stamp_ns(HALF + 8)
-    count = min(rest, FRAMES - HALF)
-    second = replace(how, num_frames=count, start_m=there_m, start_ns=stamp_ns)
-    return [*chain(draw(route, first), draw(route, second))]
+    start_m, step_m = float(rng.uniform(0, 120)) if day else 0.0, SPEED_MPS / RATE_HZ
+    how = {
+        'speed_mps': SPEED_MPS, 'frame_rate_hz': RATE_HZ, 'seed': 100 * seed + day,
+        'light': 'overcast' if day else 'day',
+        'lanes': tuple(zip(at.tolist(), lanes.tolist(), strict=True)),
+    }  # fmt: skip
+    begun_ns = START_NS + day * DAY_NS
+    whole = FRAMES if day else int((route.length_m - 1) / step_m)
+    parts = [(start_m, begun_ns, whole)]
+    if carried:
+        there_m = start_m + HALF * step_m + CARRIED_M
+        rest = min(int((route.length_m - there_m - 1) / step_m), FRAMES - HALF)
+        later_ns = begun_ns + round((HALF + 8) / RATE_HZ * 1e9)
+        parts = [(start_m, begun_ns, HALF), (there_m, later_ns, rest)]
+    return [
+        frame
+        for from_m, from_ns, count in parts
+        for _, frame in shots(route, start_m=from_m, start_ns=from_ns, num_frames=count, **how)
+    ]
 
 
 def driven(
@@ -210,6 +204,13 @@ def recognised(frames: Iterable[tuple[Frame, Matrix]], by: Pipeline) -> Iterator
     by.close()
 
 
+def unheard(frames: Iterable[Frame]) -> Iterator[Heard]:
+    """Yield frames that are not recognised yet."""
+    for frame in frames:
+        assert frame.pose
+        yield Heard(frame, matrix(frame.pose), None, None, None)
+
+
 def measured(
     heard: Iterable[Heard], what: ByGraph | ByNode, origin: Matrix
 ) -> Iterator[tuple[float, ...]]:
@@ -245,9 +246,8 @@ class Town:
     ) -> list[Heard]:
         progress(f'town {self._seed}, day {day}, {mode}{", carried" * carried}')
         drift = replace(DRIFT, seed=10 * self._seed + day)
-        shots = drawn(self._seed, day, carried)
-        blind = [Heard(one.frame, matrix(one.pose), None, None, None) for one in shots]
-        frames = ((one.frame, one.true) for one in driven(blind, drift))
+        shown = drawn(self._seed, day, carried)
+        frames = ((one.frame, one.true) for one in driven(unheard(shown), drift))
         config = make_config(CLOSURES | {'mode': mode})
         return [*recognised(frames, Pipeline(path, config))]
 
@@ -277,7 +277,7 @@ class Town:
 Run = tuple[str, str, Iterable[tuple[float, ...]]]
 
 
-def of_town(town: Town, seed: int, parts: list[str], odometries: int) -> Iterator[Run]:
+def of_town(town: Town, seed: int, odometries: int) -> Iterator[Run]:
     """Yield the part, the name, and what is measured of each drive through a town."""
     hows = [(size, grows, '') for size in DRIFTS for grows in (False, True)]
     hows += [('town', False, how) for how in ('carried', 'anew')]
@@ -288,47 +288,36 @@ def of_town(town: Town, seed: int, parts: list[str], odometries: int) -> Iterato
         drift, other = (replace(one, seed=1000 * again + 10 * seed + day) for day in (1, 2))
         name = f'{size}{", growing" * grows}{how and f", {how}"}'
         carried, anew = how == 'carried', how == 'anew'
-        if 'graph' in parts:
-            first = town.first_day_carried if carried else town.first_day
-            seen = driven(first, drift, grows, anew)
-            by = ByGraph(PoseGraph(GRAPH))
-            yield 'graph, online', name, measured(seen, by, first[0].true)
-            seen = driven(town.next_day[carried], other, grows, anew)
-            yield 'graph, preloaded', name, measured(seen, ByGraph(town.graph()), town.origin)
-        if 'node' in parts and not grows:
+        first = town.first_day_carried if carried else town.first_day
+        seen = driven(first, drift, grows, anew)
+        yield 'graph, online', name, measured(seen, ByGraph(PoseGraph(GRAPH)), first[0].true)
+        seen = driven(town.next_day[carried], other, grows, anew)
+        yield 'graph, preloaded', name, measured(seen, ByGraph(town.graph()), town.origin)
+        if not grows:
             poses, sigma_m = town.solved
             heard = [*in_solved(town.next_day[carried], poses)]
             seen = driven(heard, other, grows, anew)
             yield 'node, map link', name, measured(seen, ByNode(sigma_m), town.origin)
 
 
-def of_road(folder: Path, parts: list[str], made: Path) -> Iterator[Run]:
+def of_road(folder: Path, made: Path) -> Iterator[Run]:
     """Yield drives along a road, of which every second image is the map."""
-    frames = [*ImageFolder(folder / 'images')]
-    pose_at = read_pose_file(folder / 'poses.txt', len(frames))
-    assert frames[0].gray is not None
-    camera = read_camera_file(folder / 'calib.txt', *frames[0].gray.shape)
-    shown = []
-    for number, frame in enumerate(frames):
-        pose = pose_at(number, frame.stamp_ns)
-        assert pose
-        stamp_ns = START_NS + number * STEP_NS
-        shown.append(replace(frame, pose=pose, camera=camera, stamp_ns=stamp_ns))
+    shown = [
+        replace(frame, stamp_ns=START_NS + number * STEP_NS)
+        for number, frame in enumerate(road(folder))
+    ]
     path = made / f'{folder.name}.db'
     alike = {'threads': 1, 'keyframe_overlap': 1.0}
     build_map(shown[::2], path, make_config(alike))
-    blind = [
-        Heard(replace(one, stamp_ns=one.stamp_ns + DAY_NS), matrix(one.pose), None, None, None)
-        for one in shown[1::2]
-        if one.pose
-    ]
-    posed = ((one.frame, one.true) for one in driven(blind, DRIFT))
+    next_day = (replace(one, stamp_ns=one.stamp_ns + DAY_NS) for one in shown[1::2])
+    posed = ((one.frame, one.true) for one in driven(unheard(next_day), DRIFT))
     heard = [*recognised(posed, Pipeline(path, make_config(CLOSURES | alike)))]
     for name, drift in DRIFTS.items():
-        for part in parts:
-            by: ByGraph | ByNode = ByNode(NODE.position_sigma_m)
-            if part == 'graph':
-                by = ByGraph(graph_of(open_map(path), GRAPH))
+        bys: dict[str, ByGraph | ByNode] = {
+            'graph': ByGraph(graph_of(open_map(path), GRAPH)),
+            'node': ByNode(NODE.position_sigma_m),
+        }
+        for part, by in bys.items():
             found = measured(driven(heard, drift), by, np.eye(4))
             yield f'{part}, preloaded', f'{folder.name}, {name}', found
 
@@ -350,31 +339,20 @@ def shown_row(part: str, name: str, rows: list[tuple[float, ...]]) -> None:
 
 def main() -> None:
     """Measure, and print."""
-    chosen = options(
-        __doc__, seeds=[0, 1, 2, 3], odometries=5, roads=[], part=['graph', 'node'], rows=None
-    )
+    chosen = options(__doc__, seeds=[0, 1, 2, 3], odometries=5, roads=[])
     head('what', 'odometry', 'frames', '1 sigma, m', '2', '3', '1 sigma, rad', '2', '3',
          'median error, m', 'told', 'rad', 'told')  # fmt: skip
     found: dict[tuple[str, str], list[tuple[float, ...]]] = {}
-    written = []
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder)
-        towns = (
-            of_town(Town(seed, made), seed, chosen.part, chosen.odometries)
-            for seed in chosen.seeds
-        )
-        roads = (of_road(road, chosen.part, made) for road in chosen.roads)
-        for number, each in enumerate(chain(towns, roads)):
-            for part, name, rows in each:
-                shown = [*rows]
-                found.setdefault((part, name), []).extend(shown)
-                found.setdefault((part, 'all'), []).extend(shown)
-                written += [(part, name, number, at, *one) for at, one in enumerate(shown)]
+        towns = (of_town(Town(seed, made), seed, chosen.odometries) for seed in chosen.seeds)
+        roads = (of_road(each, made) for each in chosen.roads)
+        for part, name, rows in chain.from_iterable(chain(towns, roads)):
+            shown = [*rows]
+            found.setdefault((part, name), []).extend(shown)
+            found.setdefault((part, 'all'), []).extend(shown)
     for (part, name), rows in sorted(found.items()):
         shown_row(part, name, rows)
-    if chosen.rows:
-        with chosen.rows.open('w', newline='', encoding='utf-8') as file:
-            csv.writer(file).writerows(written)
 
 
 if __name__ == '__main__':
