@@ -1,9 +1,9 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a real node in a separate process, with a camera and a listener on its topics."""
+"""Runs real nodes in separate processes, with a camera and a listener on their topics."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 import os
 from pathlib import Path
 import re
@@ -12,7 +12,7 @@ import sys
 import time
 from typing import Any
 
-from convseq_ros.cli.processes import end, environment
+from convseq_ros.cli.processes import end, environment, node_arguments
 from convseq_ros.node.conversions import image_message, stamp_from_ns, stamp_to_ns
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
@@ -25,31 +25,76 @@ from std_msgs.msg import Header
 
 _START_S, _END_S = 90.0, 20.0
 _SETTLE_S = 1.0
-_NAME = '/vpr_node'
+VPR, GRAPH = 'vpr_node', 'pose_graph_node'
 
 
 class Robot:
-    """A camera and a listener for a node, which runs in `process`."""
+    """Nodes in processes of their own, a camera for `vpr_node`, and what they tell."""
 
-    def __init__(self, process: subprocess.Popen[bytes], context: Context) -> None:
-        self.process = process
-        self.answers = 0  # received so far
+    def __init__(self, folder: Path) -> None:
+        os.environ.update(environment(folder))
+        self._folder, self._context = folder, Context()
+        self._context.init()
+        self.node = rclpy.create_node('robot', context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}  # by the node's name
+        self.told: dict[str, dict[str, str]] = {}  # the last diagnostics, by the node's name
+        self.answers = 0  # of vpr_node, received so far
         self.greeted = 0  # images of `greet` that the node received
         self.took_ms: list[float] = []  # from the call of `publish` to the answer
-        self.diagnostics: Mapping[str, str] = {}  # the node's last diagnostics
         self._sent_s: dict[int, float] = {}
-        self.node = rclpy.create_node('robot', context=context)
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self.node)
         self.camera = self.node.create_publisher(Image, '/image', QoSProfile(depth=1000))
-        deep = QoSProfile(depth=100_000)
-        self.node.create_subscription(PointCloud2, f'{_NAME}/candidates', self._on_answer, deep)
-        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        deep, listen = QoSProfile(depth=100_000), self.node.create_subscription
+        listen(PointCloud2, f'/{VPR}/candidates', self._on_answer, deep)
+        listen(DiagnosticArray, '/diagnostics', self._on_diagnostics, 100)
 
-    def publish(self, message: Image) -> None:
-        """Publish an image with a unique stamp, and measure the time to its answer."""
-        self._sent_s[stamp_to_ns(message.header.stamp)] = time.perf_counter()
-        self.camera.publish(message)
+    def start(
+        self,
+        name: str,
+        parameters: Mapping[str, object],
+        surroundings: Mapping[str, str] | None = None,
+        cores: Sequence[int] = (),
+    ) -> None:
+        """
+        Start `vpr_node`, or else a pose graph of this name; its log is NAME.log.
+
+        `surroundings` are added to its environment, those that are empty are taken from it. It
+        runs on `cores`, or on all.
+        """
+        words = {
+            key: str(value).lower() if isinstance(value, bool) else value
+            for key, value in parameters.items()
+        }
+        program = node_arguments('__main__' if name == VPR else GRAPH, words)
+        own = {'PYTHONPATH': os.pathsep.join(sys.path)}
+        variables = os.environ | own | dict(surroundings or {})
+        with (self._folder / f'{name}.log').open('ab') as log:
+            self.processes[name] = subprocess.Popen(
+                [sys.executable, *program, '-r', f'__node:={name}'],
+                env={name: value for name, value in variables.items() if value},
+                cwd=self._folder,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                preexec_fn=(lambda: os.sched_setaffinity(0, cores)) if cores else None,
+            )
+
+    def close(self) -> None:
+        """End the nodes, and this one: its publishers would stay."""
+        for process in self.processes.values():
+            end(process, _END_S)
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    @property
+    def process(self) -> subprocess.Popen[bytes]:
+        """The process of `vpr_node`."""
+        return self.processes[VPR]
+
+    @property
+    def diagnostics(self) -> Mapping[str, str]:
+        """The last diagnostics of `vpr_node`."""
+        return self.told.get(VPR, {})
 
     def spin(self, seconds: float = 0.0) -> None:
         """Receive messages for a time."""
@@ -61,13 +106,19 @@ class Robot:
                 return
 
     def wait_for(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until the condition holds; return whether it held in time."""
+        """Spin until the condition holds; return whether it held in time, while nodes live."""
         until_s = time.monotonic() + seconds
         while not condition():
-            if time.monotonic() > until_s or self.process.poll() is not None:
+            is_over = any(one.poll() is not None for one in self.processes.values())
+            if time.monotonic() > until_s or is_over:
                 return bool(condition())
             self.spin(0.02)
         return True
+
+    def publish(self, message: Image) -> None:
+        """Publish an image with a unique stamp, and measure the time to its answer."""
+        self._sent_s[stamp_to_ns(message.header.stamp)] = time.perf_counter()
+        self.camera.publish(message)
 
     def wait_until_ready(self) -> None:
         """Wait until the node is enabled and subscribes to the camera, or raise RuntimeError."""
@@ -96,7 +147,9 @@ class Robot:
             self.took_ms.append((time.perf_counter() - sent_s) * 1e3)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        self.diagnostics = {item.key: item.value for item in message.status[0].values}
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            self.told[status.name.partition(':')[0]] = values
 
 
 @contextmanager
@@ -107,40 +160,12 @@ def robot(
     waits: bool = True,
     **parameters: object,
 ) -> Iterator[Robot]:
-    """
-    Start a node with these parameters, and end it with the block; its log is vpr_node.log.
-
-    `surroundings` are added to its environment, those that are empty are taken from it. It runs on
-    `cores`, or on all. With `waits`, it is ready when the block begins.
-    """
-    os.environ.update(environment(folder))
-    variables = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)} | dict(surroundings or {})
-    command = [sys.executable, '-m', 'convseq_ros.node', '--ros-args']
-    for name, value in parameters.items():
-        command += ['-p', f'{name}:={str(value).lower() if value in (True, False) else value}']
-    context = Context()
-    context.init()
-    with (folder / 'vpr_node.log').open('ab') as log:
-        process = subprocess.Popen(
-            command,
-            env={name: value for name, value in variables.items() if value},
-            cwd=folder,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            preexec_fn=(lambda: os.sched_setaffinity(0, cores)) if cores else None,
-        )
-        one = None
-        try:
-            one = Robot(process, context)
-            if waits:
-                one.wait_until_ready()
-            yield one
-        finally:
-            end(process, _END_S)
-            # Otherwise its publishers stay, and a node counts lost messages of one publisher only.
-            if one:
-                one.node.destroy_node()
-            context.try_shutdown()
+    """Start `vpr_node`, by default until it is ready, and end it with the block."""
+    with closing(Robot(folder)) as one:
+        one.start(VPR, parameters, surroundings, cores)
+        if waits:
+            one.wait_until_ready()
+        yield one
 
 
 def image(gray: np.ndarray, stamp_ns: int = 0, **changes: Any) -> Image:

@@ -3,16 +3,16 @@
 """Shared by the other scripts: options, drawn drives, counts of matches, tables."""
 
 import argparse
-from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 import math
 from pathlib import Path
 import sys
 from typing import Any
 
-from convseq_ros import Frame, PlaceRecognizer
-from convseq_ros.core.types import Candidate, Pose, Reason
+from convseq_ros import Frame
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.types import Descriptor, Pose, Reason
 from convseq_ros.simulation.drive import draw, Drive, Road
 from convseq_ros.simulation.route import Route
 from convseq_ros.sources.camera_info import read_camera_file
@@ -24,6 +24,7 @@ RIGHT_M = 5.0
 PASSED_OVER = Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY
 START_NS, HOUR_NS = 1_700_000_000_000_000_000, 3600 * 10**9
 Shots = list[tuple[float, Frame]]  # distance along the road in metres, and frame
+Described = list[tuple[Frame, Descriptor]]
 
 
 def options(description: str | None, **defaults: Any) -> argparse.Namespace:
@@ -82,29 +83,14 @@ def road(folder: Path) -> list[Frame]:
     ]
 
 
-def blind(frames: Iterable[Frame]) -> list[Frame]:
-    """Return frames without poses."""
-    return [replace(frame, pose=None) for frame in frames]
+def described(frames: Iterable[Frame]) -> Described:
+    """Return frames with their descriptors."""
+    return [(frame, describe(frame.gray)) for frame in frames if frame.gray is not None]
 
 
 def away_m(one: Pose | None, other: Pose | None) -> float:
     """Return the distance of two poses; infinity if one is missing."""
     return math.dist(one.position, other.position) if one and other else math.inf
-
-
-def count(
-    recognizer: PlaceRecognizer,
-    frames: Iterable[Frame],
-    is_right: Callable[[Frame, Candidate], bool],
-) -> Counter[str]:
-    """Recognise frames, and count keyframes, right and false matches."""
-    counts = Counter[str]()
-    for frame in frames:
-        match = recognizer.process(frame)
-        counts['keyframes'] += match.reason not in PASSED_OVER
-        if match.accepted:
-            counts['right' if is_right(frame, match.accepted) else 'false'] += 1
-    return counts
 
 
 def head(*names: str) -> None:

@@ -4,14 +4,11 @@
 Do the tests see a fault? Change one operator of a function at a time, and run its tests.
 
 Usage: python scripts/mutate.py [--count 300] [--seed 1] [--folders decision pose map]
-[--seconds 60] [--only FILE:LINE ...] [--record FILE]; 170 mutants took half an hour of a core.
+[--seconds 60]; 170 mutants took half an hour of a core.
 First the tests of the core run once, which records the functions that each test calls. Then each
 mutant meets the tests that call it, the quickest first, as many as take so many seconds. It lives
 only in the memory of a child process; files are not touched. It is caught if a test fails or does
 not end. It prints those that live, as FILE:LINE change, and the share that is caught.
-
-`--only` tries mutants of these lines of the sample again. `--record` keeps the record in a file,
-with which the next run begins; tests that are not in it always run.
 """
 
 import argparse
@@ -187,16 +184,12 @@ class Mutants:
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Make a sample of mutants, and count those that tests catch."""
-        path = self._chosen.record
-        if not path.exists() and not self._passes(session, session.items, Recorder(self._core)):
+        if not self._passes(session, session.items, Recorder(self._core)):
             pytest.exit('a test fails without a fault: mend it first')
-        self._record = json.loads(path.read_text())
         caught, count, begun_s = 0, 0, time.monotonic()
         for path, number in self._sample():
             tree, name = ast.parse(path.read_text()), path.relative_to(self._core).as_posix()
             site, around = list(sites(tree))[number]
-            if self._chosen.only and f'{name}:{site.lineno}' not in self._chosen.only:
-                continue
             what, tests = changed(site), self._tests(name, first_line(around[-1]), session.items)
             with mutant(path, tree, around[0]):
                 lives = self._passes(session, tests)
@@ -221,10 +214,10 @@ class Mutants:
         return random.Random(self._chosen.seed).sample(every, min(self._chosen.count, len(every)))
 
     def _tests(self, name: str, line: int, items: list[pytest.Item]) -> list[pytest.Item]:
-        """Return the tests that call a function, the quickest first, and those not recorded."""
+        """Return the tests that call a function, the quickest first."""
         took_s, of_file = dict[pytest.Item, float](), defaultdict[str, float](float)
         for item in items:
-            seconds, called = self._record.get(item.nodeid, (0.0, [[name, line]]))
+            seconds, called = self._record.get(item.nodeid, (0.0, []))
             if [name, line] in called:
                 took_s[item] = seconds
                 of_file[file_of(item.nodeid)] += seconds
@@ -264,12 +257,14 @@ class Mutants:
                         break
                 else:
                     if recorder:
-                        self._chosen.record.write_text(json.dumps(recorder.record))
+                        Path(folder, 'record').write_text(json.dumps(recorder.record))
                     os._exit(0)
             os._exit(1)
         status = os.waitpid(child, 0)[1]
         with contextlib.suppress(ProcessLookupError):  # what it started
             os.killpg(child, signal.SIGKILL)
+        if recorder and status == 0:
+            self._record = json.loads(Path(folder, 'record').read_text())
         shutil.rmtree(folder, ignore_errors=True)
         return status == 0
 
@@ -281,8 +276,6 @@ def main() -> None:
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--folders', nargs='*', default=['decision', 'pose', 'map'])
     parser.add_argument('--seconds', type=int, default=60)
-    parser.add_argument('--only', nargs='*', metavar='FILE:LINE')
-    parser.add_argument('--record', type=Path, default=Path(tempfile.mkdtemp(), 'record.json'))
     del sys.path[0]  # this folder, whose modules have names of those of the tests
     options = '-s', '-p', 'no:terminal', '-p', 'no:cacheprovider', '-p', 'no:xdist'
     steady = '--hypothesis-profile=few', '--hypothesis-seed=1'

@@ -16,7 +16,7 @@ Roads are folders of KITTI's odometry with images/, poses.txt and calib.txt. Eac
 against an earlier one, with only earlier images in the map; then all again with darkened images.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import astuple, dataclass, replace
 import math
 from pathlib import Path
@@ -24,19 +24,15 @@ import time
 from typing import Any
 
 from convseq_ros.config import Config
-from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.rigid import angle, inverse, matrix
 from convseq_ros.core.similarity.matcher import make_matcher, Matcher
 from convseq_ros.core.similarity.scorer import Features
-from convseq_ros.core.types import Candidate, Descriptor, Frame, Pose
+from convseq_ros.core.types import Candidate, Frame, Pose
 from convseq_ros.simulation.street import Street
-from convseq_ros.sources.camera_info import read_camera_file
-from convseq_ros.sources.folder import ImageFolder
-from convseq_ros.sources.pose_file import read_pose_file
 import cv2
-from drives import head, options, row, shots
+from drives import Described, described, head, options, road, row, shots
 import numpy as np
 
 QUERIES: dict[str, dict[str, Any]] = {
@@ -46,7 +42,6 @@ QUERIES: dict[str, dict[str, Any]] = {
 }
 SIZE = {'width_px': 640, 'height_px': 480}
 EXPECTED = 12.6  # 95 % quantile of chi squared with six degrees of freedom
-Shown = list[tuple[Frame, Descriptor]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +124,9 @@ def of_street(seed: int, images_px: int) -> Iterator[tuple[str, Error | None]]:
 
 def of_road(folder: Path, images_px: int) -> Iterator[tuple[str, list[Error | None]]]:
     """Yield the errors of poses on a road, at 1, 2 and 4 frames from the reference."""
-    shown, dark = road(folder)
+    frames, rng = road(folder), np.random.default_rng(1)
+    shown = described(frames)
+    dark = described(replace(one, gray=darkened(one.gray, rng)) for one in frames)
     for name, queries in (('', shown), ('dark', dark)):
         matcher = make_matcher(reference_map := made(shown, images_px), Config())
         extracted = [matcher.extract(descriptor) for _, descriptor in queries]
@@ -170,24 +167,19 @@ def error(
     return Error(metres, math.degrees(angle(turned)), squared, same_m, ms)
 
 
-def made(shown: Shown, images_px: int) -> ReferenceMap:
+def made(shown: Described, images_px: int) -> ReferenceMap:
     """Return a map of all frames, with images of a size or without images."""
     reference_map = ReferenceMap()
     for frame, descriptor in shown:
         reference_map.add_frame(frame, descriptor, 0, images_px)
-    if images_px:
-        sizes = [
-            len(item.image or b'') for item in reference_map.pictures(range(len(shown)), True)
-        ]
-        print(f'{np.mean(sizes) / 1e3:.1f} kB an image', flush=True)
     return reference_map
 
 
-def drawn(seed: int) -> tuple[Shown, dict[str, Shown]]:
+def drawn(seed: int) -> tuple[Described, dict[str, Described]]:
     """Return the frames of the map, and of the query drives."""
     street, rng = Street(120.0, seed), np.random.default_rng(seed)
     along = np.arange(0.0, 121.0, 12.0).tolist()
-    queries = dict[str, Shown]()
+    queries = dict[str, Described]()
     for name, how in QUERIES.items():
         lanes = tuple(zip(along, rng.uniform(-1.5, 0.5, len(along)).tolist(), strict=True))
         heading_deg, noise_seed = float(rng.uniform(-3, 3)), seed + len(queries) + 1
@@ -200,24 +192,6 @@ def drawn(seed: int) -> tuple[Shown, dict[str, Shown]]:
     return described(frame for _, frame in mapped), queries
 
 
-def road(folder: Path) -> tuple[Shown, Shown]:
-    """Return the frames of a road, and the same frames darkened."""
-    source = ImageFolder(folder / 'images')
-    frames = list(source)
-    assert frames[0].gray is not None
-    pose_at = read_pose_file(folder / 'poses.txt', len(frames))
-    camera = read_camera_file(folder / 'calib.txt', *frames[0].gray.shape)
-    posed = [
-        replace(frame, pose=pose_at(index, frame.stamp_ns), camera=camera)
-        for index, frame in enumerate(frames)
-    ]
-    rng = np.random.default_rng(1)
-    dark = [
-        replace(frame, gray=darkened(frame.gray, rng)) for frame in posed if frame.gray is not None
-    ]
-    return described(posed), described(dark)
-
-
 def darkened(gray: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return an image at a quarter of its light, with four lamps, blur and noise."""
     height, width = gray.shape
@@ -228,11 +202,6 @@ def darkened(gray: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         light += 120 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * (0.06 * height) ** 2))
     blurred = cv2.GaussianBlur(light, (0, 0), 1.2) + rng.normal(0, 6, gray.shape)
     return blurred.clip(0, 255).astype(np.uint8)
-
-
-def described(frames: Iterable[Frame]) -> Shown:
-    """Return frames with their descriptors."""
-    return [(frame, describe(frame.gray)) for frame in frames if frame.gray is not None]
 
 
 if __name__ == '__main__':

@@ -10,24 +10,35 @@ camera's position. FOLDER may hold gardens_point (day_left, day_right), where eq
 are the same place.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, starmap
 import math
 from pathlib import Path
 
-from convseq_ros import build_map, Frame, PlaceRecognizer
-from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.types import Descriptor, LocalizationState, Pose
+from convseq_ros import build_map, PlaceRecognizer
+from convseq_ros.core.types import LocalizationState, Pose
 from convseq_ros.simulation.odometry import DriftingOdometer
 from convseq_ros.simulation.town import DRIFT
 from convseq_ros.sources.folder import ImageFolder
-from drives import away_m, head, HOUR_NS, lanes, options, RIGHT_M, row, shots, START_NS, town
+from drives import (
+    away_m,
+    Described,
+    described,
+    head,
+    HOUR_NS,
+    lanes,
+    options,
+    RIGHT_M,
+    row,
+    shots,
+    START_NS,
+    town,
+)
 import numpy as np
 
 PATIENCE, FEW = 15, 5  # frames until a start has failed, in the town and in Gardens Point
 ASIDE_M = 2.0
-Shown = list[tuple[Frame, Descriptor]]
 
 
 @dataclass(frozen=True)
@@ -40,12 +51,7 @@ class Outcome:
     metres: float = 0.0  # distance driven until then
 
 
-def described(frames: Iterable[Frame]) -> Shown:
-    """Return frames with their descriptors."""
-    return [(frame, describe(frame.gray)) for frame in frames if frame.gray is not None]
-
-
-def driven(seed: int, light: str, aside_m: float, noise: float, frames: int) -> Shown:
+def driven(seed: int, light: str, aside_m: float, noise: float, frames: int) -> Described:
     """Return frames 1 m apart, with their true poses."""
     route, later = town(seed), aside_m > 0
     line = lanes(route.length_m, -1.0, aside_m, np.random.default_rng(seed))
@@ -57,7 +63,7 @@ def driven(seed: int, light: str, aside_m: float, noise: float, frames: int) -> 
 
 
 def localised(
-    recognizer: PlaceRecognizer, shown: Shown, off_m: Callable[[int, int], float]
+    recognizer: PlaceRecognizer, shown: Described, off_m: Callable[[int, int], float]
 ) -> Outcome:
     """Reset, and feed frames until the robot is localised; `off_m` is of a place and a frame."""
     recognizer.reset()
@@ -68,7 +74,7 @@ def localised(
     return Outcome()
 
 
-def starts(recognizer: PlaceRecognizer, shown: Shown, count: int) -> list[Outcome]:
+def starts(recognizer: PlaceRecognizer, shown: Described, count: int) -> list[Outcome]:
     """Return the outcomes of `count` starts."""
     outcomes, places = [], recognizer.reference_map.places
     begins = np.random.default_rng(0).integers(0, len(shown) - PATIENCE, count).tolist()

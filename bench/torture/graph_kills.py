@@ -2,48 +2,42 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kills either node of slam.launch.py while a drive comes, and starts it again."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import closing
 from functools import partial
 import heapq
 import math
-import os
 from pathlib import Path
 import random
 from statistics import median
-import subprocess
-import sys
 import time
 from types import SimpleNamespace
 from typing import Any
 
-from convseq_ros.cli.processes import CAMERA_INFO, end, environment, IMAGE, ODOM
+from convseq_ros.cli.processes import CAMERA_INFO, IMAGE, ODOM
 from convseq_ros.core.rigid import Matrix, matrix
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.simulation import town
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.storage import open_storage
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 import numpy as np
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image
 
+from bench.robot import GRAPH, Robot, VPR
 from bench.torture.attack import Try
 
-VPR, GRAPH, WITNESS = 'vpr_node', 'pose_graph_node', 'witness'  # a graph that is not killed
+WITNESS = 'witness'  # a graph that is not killed
 _TOPICS: Mapping[str, tuple[str, Any]] = {
     ODOM: ('/odom', Odometry), CAMERA_INFO: ('/camera_info', CameraInfo), IMAGE: ('/image', Image),
 }  # fmt: skip
 _BLOCK_M = 30.0, 24.0
 _DAY_S = 86_400
-_RATE, _READY_S, _END_S, _LAST_S, _KILLS = 1.0, 60.0, 20.0, 3.0, 3
+_RATE, _READY_S, _LAST_S, _KILLS = 1.0, 60.0, 3.0, 3
 _SHARES, _DOWN_S = (0.3, 0.9), (0.0, 1.0)  # of the drive, for kills; until a start
 _JUMP_M, _FOUND_M = 0.2, 5.0  # between the robot's places by both graphs
 _COMPARED = 20  # transforms after a kill: 5 s
@@ -60,10 +54,11 @@ def graph_kills(count: int, seed: int, folder: Path) -> Iterator[Try]:
         yield from _drive(folder, mode, path, number * _DAY_S, draw)
 
 
-class _Robot:
+class _Robot(Robot):
     """Both nodes, a graph that lives, the drive that is sent to them, and what they tell."""
 
-    def __init__(self, folder: Path, mode: str, path: Path, context: Context) -> None:
+    def __init__(self, folder: Path, mode: str, path: Path) -> None:
+        super().__init__(folder)
         both = {'map_path': path}
         graph = both | {'graph_spacing_m': 1.0, 'period_s': 0.2, 'publish_tf': False}
         self._settings: dict[str, dict[str, Any]] = {
@@ -71,35 +66,21 @@ class _Robot:
             GRAPH: graph,
             WITNESS: graph,
         }
-        self._folder, self.processes = folder, dict[str, subprocess.Popen[bytes]]()
-        self.node = rclpy.create_node('robot', context=context)
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self.node)
         deep = QoSProfile(depth=1000)
         self._senders = {
             old: self.node.create_publisher(kind, new, deep)
             for old, (new, kind) in _TOPICS.items()
         }
-        self.told: dict[str, dict[str, str]] = {GRAPH: {}, WITNESS: {}}  # diagnostics
         self._odometry = dict[int, Matrix]()  # by stamp
         self.corrections: dict[str, dict[int, Matrix]] = {GRAPH: {}, WITNESS: {}}  # by stamp
-        listen = self.node.create_subscription
         for name in self.corrections:
             hear = partial(self._on_transform, name)
-            listen(TransformStamped, f'/{name}/map_to_odom', hear, deep)
-        listen(DiagnosticArray, '/diagnostics', self._on_diagnostics, deep)
+            topic = f'/{name}/map_to_odom'
+            self.node.create_subscription(TransformStamped, topic, hear, deep)
 
-    def start(self, name: str) -> None:
-        words = [f'{key}:={str(value).lower()}' for key, value in self._settings[name].items()]
-        words = [word for one in words for word in ('-p', one)] + ['-r', f'__node:={name}']
-        module = f'convseq_ros.node.{VPR if name == VPR else GRAPH}'
-        with (self._folder / f'{name}.log').open('ab') as log:
-            self.processes[name] = subprocess.Popen(
-                [sys.executable, '-m', module, '--ros-args', *words],
-                env=environment(self._folder),
-                stdout=log,
-                stderr=subprocess.STDOUT,
-            )
+    def again(self, name: str) -> None:
+        """Start a node, for the first time or again."""
+        self.start(name, self._settings[name])
 
     def kill(self, name: str) -> None:
         self.processes[name].kill()
@@ -115,19 +96,13 @@ class _Robot:
             self._odometry[stamp_to_ns(message.header.stamp)] = matrix(at)
         self._senders[topic].publish(message)
 
-    def spin_until(self, condition: Callable[[], Any], seconds: float) -> bool:
-        until_s = time.monotonic() + seconds
-        while not condition() and time.monotonic() < until_s:
-            self._executor.spin_once(timeout_sec=0.02)
-        return bool(condition())
-
-    def spin_for(self, seconds: float) -> None:
-        self.spin_until(lambda: False, seconds)
-
-    @property
     def is_ready(self) -> bool:
         counts = [sender.get_subscription_count() for sender in self._senders.values()]
         return counts[0] > 2 and all(counts)
+
+    def refused(self, name: str) -> int:
+        """Return how many closures a graph refuses."""
+        return int(self.told.get(name, {}).get('refused', 99))
 
     def apart_m(self, since_ns: int) -> list[float]:
         """Return how far apart both graphs have the robot, from a stamp on."""
@@ -143,29 +118,6 @@ class _Robot:
         assert pose
         self.corrections[name][stamp_to_ns(message.header.stamp)] = matrix(pose)
 
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            name = status.name.partition(':')[0]
-            if name in self.told:
-                self.told[name] = {pair.key: pair.value for pair in status.values}
-
-
-@contextmanager
-def _robot(folder: Path, mode: str, path: Path) -> Iterator[_Robot]:
-    os.environ.update(environment(folder))
-    context = Context()
-    context.init()
-    robot = _Robot(folder, mode, path, context)
-    try:
-        for name in (VPR, GRAPH, WITNESS):
-            robot.start(name)
-        yield robot
-    finally:
-        for process in robot.processes.values():
-            end(process, _END_S)
-        robot.node.destroy_node()
-        context.try_shutdown()
-
 
 def _drive(
     folder: Path, mode: str, path: Path, later_s: int, draw: random.Random
@@ -179,15 +131,17 @@ def _drive(
     sent = [*heapq.merge(*kept, key=lambda one: one[0])]
     first, last = (int(share * len(sent)) for share in _SHARES)
     kills = sorted(draw.sample(range(first, last), _KILLS))
-    with _robot(folder, mode, path) as robot:
-        robot.spin_until(lambda: robot.is_ready, _READY_S)
+    with closing(_Robot(folder, mode, path)) as robot:
+        for name in (VPR, GRAPH, WITNESS):
+            robot.again(name)
+        robot.wait_for(robot.is_ready, _READY_S)
         begun_s, done = time.monotonic(), list[tuple[int, str, int]]()
         victim, until_s = '', 0.0
         for number, (time_ns, topic, cdr) in enumerate(sent):
             due_s = begun_s + (time_ns - sent[0][0]) / 1e9 / _RATE
-            robot.spin_for(due_s - time.monotonic())
+            robot.spin(due_s - time.monotonic())
             if victim and time.monotonic() > until_s:
-                robot.start(victim)
+                robot.again(victim)
                 victim = ''
             if number in kills and not victim:
                 victim = draw.choice((VPR, GRAPH))
@@ -195,7 +149,7 @@ def _drive(
                 robot.kill(victim)
                 until_s = time.monotonic() + draw.uniform(*_DOWN_S)
             robot.send(topic, cdr, later_s)
-        robot.spin_for(_LAST_S)
+        robot.spin(_LAST_S)
         for number, name, stamp_ns in done:
             apart_m = robot.apart_m(stamp_ns)[:_COMPARED]
             # The median: one of both may take in a closure a moment before the other.
@@ -204,6 +158,7 @@ def _drive(
             allowed_m = _JUMP_M if mode == 'online' else _FOUND_M
             problem = f'{middle_m:.2f} m apart' if middle_m > allowed_m else ''
             yield Try(f'{mode}, {name} at {number} of {len(sent)}: {middle_m:.3f} m', problem)
-        refused, others = (int(robot.told[name].get('refused', 99)) for name in (GRAPH, WITNESS))
+        refused, others = robot.refused(GRAPH), robot.refused(WITNESS)
         problem = f'{refused} closures are refused for {others}' if refused > others else ''
-        yield Try(f'{mode}: {robot.told[GRAPH].get("kept")} closures', problem)
+        count = robot.told.get(GRAPH, {}).get('kept')
+        yield Try(f'{mode}: {count} closures', problem)

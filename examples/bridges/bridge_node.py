@@ -25,6 +25,8 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
 _DEPTH = 1000
+_KEYFRAME = 'cslam_common_interfaces/msg/KeyframeOdom'
+Stamped = list[tuple[int, int]]  # stamps in nanoseconds and ids of keyframes
 
 
 class Kinds(dict[str, Any]):
@@ -69,13 +71,11 @@ class Bridge(Node):
             links.call_async(service.Request(link=link))
             return True
 
-        def learn(message: Any) -> None:
-            for node in message.nodes:
-                self._waiting.keyframes.add(round(node.stamp * 1e9), node.id)
-            self._flush()
+        def nodes(message: Any) -> Stamped:
+            return [(round(node.stamp * 1e9), node.id) for node in message.nodes]
 
         self._send = send
-        self._learn('rtabmap_msgs/msg/MapData', 'mapData', learn)
+        self._learn('rtabmap_msgs/msg/MapData', 'mapData', self._waiting.keyframes, nodes)
 
     def _begin_swarm_slam(self) -> None:
         kind = 'cslam_common_interfaces/msg/LocalKeyframeMatch'
@@ -85,12 +85,8 @@ class Bridge(Node):
             matches.publish(messages.swarm_local_match(self._kinds, query, reference))
             return True
 
-        def learn(message: Any) -> None:
-            self._waiting.keyframes.add(stamp_to_ns(message.odom.header.stamp), message.id)
-            self._flush()
-
         self._send = send
-        self._learn('cslam_common_interfaces/msg/KeyframeOdom', 'cslam/keyframe_odom', learn)
+        self._learn(_KEYFRAME, 'cslam/keyframe_odom', self._waiting.keyframes, _keyframe)
         self._begin_swarm_slam_of_others()
 
     def _begin_swarm_slam_of_others(self) -> None:
@@ -104,19 +100,11 @@ class Bridge(Node):
             matches.publish(messages.swarm_robot_matches(self._kinds, *ends, confidence))
             return True
 
-        def learn(robot: int, message: Any) -> None:
-            at_ns = stamp_to_ns(message.odom.header.stamp)
-            self._others[robot].references.add(at_ns, message.id)
-            self._flush()
-
         self._send_to = send
         for robot in sorted({*self._robots.values()} - {self._robot}):
-            self._others[robot] = Waiting(self._waiting.keyframes, Keyframes(self._within_s))
-            self._learn(
-                'cslam_common_interfaces/msg/KeyframeOdom',
-                f'/r{robot}/cslam/keyframe_odom',
-                partial(learn, robot),
-            )
+            theirs = Keyframes(self._within_s)
+            self._others[robot] = Waiting(self._waiting.keyframes, theirs)
+            self._learn(_KEYFRAME, f'/r{robot}/cslam/keyframe_odom', theirs, _keyframe)
 
     def _begin_kimera(self) -> None:
         name = 'pose_graph_tools_msgs/msg/PoseGraph'
@@ -130,13 +118,11 @@ class Bridge(Node):
             edges.publish(kind(header=header, edges=[edge]))
             return True
 
-        def learn(message: Any) -> None:
-            for node in message.nodes:
-                self._waiting.keyframes.add(stamp_to_ns(node.header.stamp), node.key)
-            self._flush()
+        def nodes(message: Any) -> Stamped:
+            return [(stamp_to_ns(node.header.stamp), node.key) for node in message.nodes]
 
         self._send = send
-        self._learn(name, 'pose_graph', learn)
+        self._learn(name, 'pose_graph', self._waiting.keyframes, nodes)
 
     def _begin_voxgraph(self) -> None:
         kind = 'voxgraph_msgs/msg/LoopClosureEdgeList'
@@ -168,7 +154,16 @@ class Bridge(Node):
     def _publisher(self, kind: str, topic: str) -> Any:
         return self.create_publisher(self._kinds[kind], topic, _DEPTH)
 
-    def _learn(self, kind: str, topic: str, learn: Callable[[Any], None]) -> None:
+    def _learn(
+        self, kind: str, topic: str, keyframes: Keyframes, read: Callable[[Any], Stamped]
+    ) -> None:
+        """Add the keyframes that messages tell."""
+
+        def learn(message: Any) -> None:
+            for stamp_ns, ident in read(message):
+                keyframes.add(stamp_ns, ident)
+            self._flush()
+
         self.create_subscription(self._kinds[kind], topic, learn, _DEPTH)
 
     def _on_closure(self, message: PointCloud2) -> None:
@@ -194,6 +189,10 @@ class Bridge(Node):
             self._waiting.send(self._send)
         for robot, waiting in self._others.items():
             waiting.send(partial(self._send_to, robot))
+
+
+def _keyframe(message: Any) -> Stamped:
+    return [(stamp_to_ns(message.odom.header.stamp), message.id)]
 
 
 def main() -> int:
