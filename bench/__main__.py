@@ -16,7 +16,7 @@ import time
 
 from bench.finding import cells, COLUMNS, table
 from bench.machine import described
-from bench.material import prepare
+from bench.material import Work
 from bench.page import summary, write_earlier, write_page
 from bench.part import PARTS, run
 
@@ -45,7 +45,7 @@ def _measure(chosen: argparse.Namespace, folder: Path) -> None:
     about = described()
     _show(f'drawing a street and writing maps of {", ".join(f"{size:,}" for size in sizes)}')
     about['frames'] = _QUICK_FRAMES if chosen.quick else _FRAMES
-    prepare(folder, sizes, about['frames'])
+    Work(folder, sizes).prepare(about['frames'])
     findings = []
     for name in chosen.parts or PARTS:
         for setting in PARTS[name]:

@@ -20,6 +20,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+from typing import Any
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import describe
@@ -61,51 +62,91 @@ class Work:
 
     folder: Path  # where the material is
     sizes: tuple[int, ...]  # of the maps, ascending
-    threads: int  # allowed for a part
-    quick: bool  # whether only to check that everything runs
+    threads: int = 1  # allowed for a part
+    quick: bool = False  # whether only to check that everything runs
 
-    def map_path(self, size: int) -> Path:
-        """Return the path of the map of a size."""
-        return map_path(self.folder, size)
+    def prepare(self, frames: int) -> None:
+        """Draw both drives and write the maps; existing files are kept."""
+        missing = [size for size in self.sizes if not self.map_path(size).exists()]
+        if not missing and self.queries_path.exists():
+            return
+        evening = _evening(num_frames=frames)
+        np.save(self.queries_path, np.array(_gray(frames, evening)))
+        day = _gray(frames, Drive(num_frames=frames))
+        cells = np.array([describe(gray).cells for gray in day])
+        visible = np.ones(cells.shape[1:3], bool)
+        kept = [
+            (
+                thumbnail(gray, _KEPT.thumbnail_width_px),
+                detect(gray, visible, _KEPT.keypoints).tobytes(),
+            )
+            for gray in day
+        ]
+        for size in missing:
+            _write(self.map_path(size), size, cells, kept)
 
     def largest(self, most: int) -> int:
         """Return the size of the largest map with at most `most` places."""
         return max(size for size in self.sizes if size <= most or size == self.sizes[0])
 
+    @property
+    def queries_path(self) -> Path:
+        """The path of the second drive's images."""
+        return self.folder / 'queries.npy'
+
     @cached_property
     def images(self) -> npt.NDArray[np.uint8]:
         """Gray images of the second drive, (n, 480, 640)."""
-        return read_queries(self.folder)
+        return np.load(self.queries_path)
 
+    def images_of(self, frames: int, speed_mps: float = 10.0) -> npt.NDArray[np.uint8]:
+        """Return gray images (n, 480, 640) at 30 Hz of the second drive, drawn once."""
+        path = self.folder / f'drive-{frames}-{speed_mps:g}.npy'
+        if not path.exists():
+            drive = _evening(num_frames=frames, frame_rate_hz=30, speed_mps=speed_mps)
+            np.save(path, np.array(_gray(frames / 3, drive)))
+        return np.load(path)
 
-def prepare(folder: Path, sizes: tuple[int, ...], frames: int) -> None:
-    """Draw both drives and write the maps; existing files are kept."""
-    missing = [size for size in sizes if not map_path(folder, size).exists()]
-    queries = queries_path(folder)
-    if not missing and queries.exists():
-        return
-    street = Street(length_m=frames + 60, seed=7)
-    evening = Drive(
-        start_m=_START_M, num_frames=frames, lane_offset_m=-0.5, light='evening', seed=5
-    )
-    np.save(queries, np.array(_gray(street, evening)))
-    day = _gray(street, Drive(num_frames=frames))
-    cells = np.array([describe(gray).cells for gray in day])
-    visible = np.ones(cells.shape[1:3], bool)
-    kept = [
-        (
-            thumbnail(gray, _KEPT.thumbnail_width_px),
-            detect(gray, visible, _KEPT.keypoints).tobytes(),
-        )
-        for gray in day
-    ]
-    for size in missing:
-        _write(map_path(folder, size), size, cells, kept)
+    def map_path(self, size: int) -> Path:
+        """Return the path of the map of a size."""
+        return self.folder / f'map-{size}.db'
 
+    def keyframe_map(self, size: int) -> Path:
+        """Return a map of a size that is marked as having at most 8 keyframes per second."""
+        path = self.folder / f'map-{size}-keyframes.db'
+        if not path.exists():
+            shutil.copy(self.map_path(size), path)
+            row = 'keyframes', json.dumps(KeyframeConfig(keyframe_interval_s=0.125).spacing)
+            with closing(sqlite3.connect(path)) as database, database:
+                change = 'UPDATE about SET value = ?, crc32 = ? WHERE name = ?'
+                database.execute(change, (row[1], row_crc(row), row[0]))
+        return path
 
-def map_path(folder: Path, size: int) -> Path:
-    """Return the path of a map."""
-    return folder / f'map-{size}.db'
+    def model(self) -> Path:
+        """Return a model of 10 MFLOP: random convolutions of a colour image; needs `onnx`."""
+        path = self.folder / 'model.onnx'
+        if not path.exists():
+            script = Path(__file__).parents[1] / 'scripts' / 'make_onnx_model.py'
+            subprocess.run([sys.executable, script, path, '--kind', 'random'], check=True)
+        return path
+
+    def model_map(self, size: int) -> Path:
+        """Return a map with vectors of `model`; those of other streets are random."""
+        path, frames = self.folder / f'map-{size}-model.db', len(self.images)
+        if path.exists():
+            return path
+        model, plain = OnnxModel(self.model()), open_map(self.map_path(size))
+        vectors = np.random.default_rng(size).standard_normal((size, model.numbers), np.float32)
+        street_vectors = vectors[home(size, frames) :][:frames]
+        day = _gray(frames, Drive(num_frames=frames))
+        street_vectors[:] = [model(gray) for gray in day[: len(street_vectors)]]
+        encoding = EncodingConfig(descriptor_model=identity_of(model))
+        with MapWriter(path, encoding, EVERY_FRAME) as writer:
+            for index, vector in enumerate(vectors):
+                (picture,) = plain.pictures([index])
+                writer.add(plain.places[index], picture, unit(vector).astype(np.float16))
+        _mark_linked(path, size)
+        return path
 
 
 def read_into_file_cache(path: Path) -> None:
@@ -113,68 +154,6 @@ def read_into_file_cache(path: Path) -> None:
     with path.open('rb') as file:
         while file.read(1 << 24):
             pass
-
-
-def queries_path(folder: Path) -> Path:
-    """Return the path of the second drive's images."""
-    return folder / 'queries.npy'
-
-
-def read_queries(folder: Path) -> npt.NDArray[np.uint8]:
-    """Return the gray images of the second drive, (n, 480, 640)."""
-    return np.load(queries_path(folder))
-
-
-def read_drive(folder: Path, frames: int, speed_mps: float = 10.0) -> npt.NDArray[np.uint8]:
-    """Return gray images (n, 480, 640) at 30 Hz of the second drive, drawn once."""
-    path = folder / f'drive-{frames}-{speed_mps:g}.npy'
-    if not path.exists():
-        drive = Drive(
-            start_m=_START_M, num_frames=frames, frame_rate_hz=30, lane_offset_m=-0.5,
-            light='evening', seed=5, speed_mps=speed_mps,
-        )  # fmt: skip
-        np.save(path, np.array(_gray(Street(length_m=frames / 3 + 60, seed=7), drive)))
-    return np.load(path)
-
-
-def keyframe_map(folder: Path, size: int) -> Path:
-    """Return a map of a size that is marked as having at most 8 keyframes per second."""
-    path = folder / f'map-{size}-keyframes.db'
-    if not path.exists():
-        shutil.copy(map_path(folder, size), path)
-        row = 'keyframes', json.dumps(KeyframeConfig(keyframe_interval_s=0.125).spacing)
-        with closing(sqlite3.connect(path)) as database, database:
-            change = 'UPDATE about SET value = ?, crc32 = ? WHERE name = ?'
-            database.execute(change, (row[1], row_crc(row), row[0]))
-    return path
-
-
-def model_of(folder: Path) -> Path:
-    """Return a model of 10 MFLOP: random convolutions of a colour image; needs `onnx`."""
-    path = folder / 'model.onnx'
-    if not path.exists():
-        script = Path(__file__).parents[1] / 'scripts' / 'make_onnx_model.py'
-        subprocess.run([sys.executable, script, path, '--kind', 'random'], check=True)
-    return path
-
-
-def model_map(folder: Path, size: int, frames: int) -> Path:
-    """Return a map with vectors of `model_of`; those of other streets are random."""
-    path = folder / f'map-{size}-model.db'
-    if path.exists():
-        return path
-    model, plain = OnnxModel(model_of(folder)), open_map(map_path(folder, size))
-    vectors = np.random.default_rng(size).standard_normal((size, model.numbers), np.float32)
-    street_vectors = vectors[home(size, frames) :][:frames]
-    day = _gray(Street(length_m=frames + 60, seed=7), Drive(num_frames=frames))
-    street_vectors[:] = [model(gray) for gray in day[: len(street_vectors)]]
-    encoding = EncodingConfig(descriptor_model=identity_of(model))
-    with MapWriter(path, encoding, EVERY_FRAME) as writer:
-        for index, vector in enumerate(vectors):
-            (picture,) = plain.pictures([index])
-            writer.add(plain.places[index], picture, unit(vector).astype(np.float16))
-    _mark_linked(path, size)
-    return path
 
 
 def truth(index: int, size: int, frames: int) -> int:
@@ -187,7 +166,13 @@ def home(size: int, frames: int) -> int:
     return (-(-size // frames) - 1) // 2 * frames
 
 
-def _gray(street: Street, drive: Drive) -> list[npt.NDArray[np.uint8]]:
+def _evening(**how: Any) -> Drive:
+    return Drive(start_m=_START_M, lane_offset_m=-0.5, light='evening', seed=5, **how)
+
+
+def _gray(length_m: float, drive: Drive) -> list[npt.NDArray[np.uint8]]:
+    """Return the images of a drive along a street of such a length, and some metres more."""
+    street = Street(length_m=length_m + 60, seed=7)
     return [cv2.cvtColor(shot.image, cv2.COLOR_BGR2GRAY) for shot in draw(street, drive)]
 
 

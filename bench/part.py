@@ -6,7 +6,6 @@ Runs a part of the benchmark in a separate process, with its threads and library
 `run` starts the process, in which this module measures and prints JSON.
 """
 
-import argparse
 from dataclasses import asdict, dataclass
 import importlib
 import json
@@ -50,8 +49,8 @@ def run(
     environment = os.environ | dict.fromkeys(ALONE, '1')
     if setting.kernels:
         environment['CONVSEQ_KERNELS'] = setting.kernels
-    command = [sys.executable, '-m', 'bench.part', name, '--folder', str(folder), '--sizes']
-    command += [*map(str, sizes), '--threads', str(setting.threads), *['--quick'] * quick]
+    told = json.dumps([str(folder), sizes, setting.threads, quick])
+    command = [sys.executable, '-m', 'bench.part', name, told]
 
     def pin() -> None:
         if name != 'node':  # `node` pins itself, to leave cores for the camera
@@ -76,15 +75,9 @@ def main() -> None:
     """Measure one part and print its findings."""
     from bench.material import Work
 
-    parser = argparse.ArgumentParser(allow_abbrev=False)
-    parser.add_argument('part', choices=PARTS)
-    parser.add_argument('--folder', type=Path, required=True)
-    parser.add_argument('--sizes', type=int, nargs='+', required=True)
-    parser.add_argument('--threads', type=int, default=1)
-    parser.add_argument('--quick', action='store_true')
-    chosen = parser.parse_args()
-    work = Work(chosen.folder, tuple(chosen.sizes), chosen.threads, chosen.quick)
-    findings = importlib.import_module(f'bench.parts.{chosen.part}').measure(work)
+    name, (folder, sizes, *how) = sys.argv[1], json.loads(sys.argv[2])
+    work = Work(Path(folder), tuple(sizes), *how)
+    findings = importlib.import_module(f'bench.parts.{name}').measure(work)
     print(json.dumps([asdict(finding) for finding in findings]))
 
 

@@ -10,7 +10,7 @@ is skipped, with the reason, and so are times, which depend on the machine. Exit
 not hold; a peer that finds less here, as SIFT does on some processors, is told but no failure.
 """
 
-import argparse
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -25,8 +25,8 @@ import tempfile
 import time
 
 from convseq_ros.evaluation.data_set import open_data_set
-from drives import head, progress, row
-from peers import PLACES
+from drives import head, options, progress, row
+from peers import RIGHT
 
 HERE = Path(__file__).resolve().parent
 README = (HERE.parent / 'README.md').read_text(encoding='utf-8')
@@ -135,14 +135,14 @@ def other_circuit(data: Path) -> list[Claim]:
     return [Claim(what, told, float(line.split('|')[5]), within=0)]
 
 
-def of_place(line: str, titles: Sequence[str], options: argparse.Namespace) -> list[Claim]:
+def of_place(line: str, titles: Sequence[str], chosen: Namespace) -> list[Claim]:
     """Return the claims of a row of the table of places."""
     place, _, own, *best = cells(line)
     methods, reason, tables = titles[3:], '', dict[str, dict[str, str]]()
-    if place not in options.places:
+    if place not in chosen.places:
         reason = 'not asked for'
     else:
-        where = '--data', str(options.data), *(('--real', str(options.real)) * bool(options.real))
+        where = '--data', str(chosen.data), *(('--real', str(chosen.real)) * bool(chosen.real))
         quick = [name for name in methods if not (name == 'HBST' and NO_HBST)]
         asked = '--places', place, '--methods', *quick
         printed = output_of(str(HERE / 'peers.py'), *where, *asked).strip()
@@ -174,13 +174,13 @@ def parts(cell: str) -> tuple[float, float]:
     return float(figure), float(other.strip(')').replace(',', '') or 0)
 
 
-def claims(options: argparse.Namespace, pool: ThreadPoolExecutor) -> Iterator[Claim]:
+def claims(chosen: Namespace, pool: ThreadPoolExecutor) -> Iterator[Claim]:
     """Start all that measures, and yield the claims in README's order."""
     titles, _, *rows = README[README.index('|place|') :].split('\n\n')[0].splitlines()
     names = dict.fromkeys(name for name, _ in ANSWERS)
-    started = [pool.submit(best_answers, options.data, name) for name in names]
-    started.append(pool.submit(other_circuit, options.data))
-    started += [pool.submit(of_place, line, cells(titles), options) for line in rows]
+    started = [pool.submit(best_answers, chosen.data, name) for name in names]
+    started.append(pool.submit(other_circuit, chosen.data))
+    started += [pool.submit(of_place, line, cells(titles), chosen) for line in rows]
     for one in started:
         yield from one.result()
     (told,) = numbers('In a map of 10,000')
@@ -189,12 +189,8 @@ def claims(options: argparse.Namespace, pool: ThreadPoolExecutor) -> Iterator[Cl
 
 def main() -> int:
     """Measure and print; 1 if a figure does not hold."""
-    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__.splitlines()[1])
-    default = HERE.parents[1] / 'shared' / 'data'
-    parser.add_argument('--data', type=Path, default=default, help='folder of data sets')
-    parser.add_argument('--real', type=Path, help='folder of real drives')
-    parser.add_argument('--places', nargs='*', default=[*PLACES], help='of the table')
-    chosen = parser.parse_args()
+    data = HERE.parents[1] / 'shared' / 'data'
+    chosen = options(__doc__, data=data, real=None, places=(*RIGHT,))
     pool, hold = ThreadPoolExecutor(len(os.sched_getaffinity(0))), list[bool]()
     head('figure', 'README', 'measured', 'verdict')
     try:

@@ -31,7 +31,8 @@ def options(description: str | None, **defaults: Any) -> argparse.Namespace:
     """
     Parse the command line, by defaults.
 
-    `Path` is a path that must be given, None one that may be, [] are paths, a list several values.
+    `Path` is a path that must be given, None one that may be, [] are paths, a list several values,
+    a tuple the values to choose from.
     """
     parser = argparse.ArgumentParser(allow_abbrev=False, description=description)
     for name, default in defaults.items():
@@ -40,6 +41,8 @@ def options(description: str | None, **defaults: Any) -> argparse.Namespace:
             parser.add_argument(flag, action='store_true')
         elif default is Path:
             parser.add_argument(flag, type=Path, required=True)
+        elif isinstance(default, tuple):
+            parser.add_argument(flag, nargs='*', default=default, choices=default)
         elif isinstance(default, list):
             kind = type(default[0]) if default else Path
             parser.add_argument(flag, type=kind, nargs='*', default=default)

@@ -20,8 +20,9 @@ log(p + 0.001), where p is the probability that the belief gives to the truth.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 import math
 from typing import Any, NamedTuple
 
@@ -234,14 +235,8 @@ def probability(recognizer: PlaceRecognizer, off: np.ndarray, drive: Drive) -> f
 
 def results(changes: Changes) -> dict[str, tuple[str, Counts]]:
     """Return the places and counts of the drives of this process, with changed constants."""
-    before = {name: of(name) for name in changes}
-    try:
-        for name, value in changes.items():
-            set_to(name, value)
+    with changed(changes):
         return {one.drive.name: (one.drive.place, replay(one)) for one in PREPARED}
-    finally:
-        for name, value in before.items():
-            set_to(name, value)
 
 
 def of(name: str) -> Any:
@@ -250,10 +245,21 @@ def of(name: str) -> Any:
     return getattr(RECORDS[record], field)
 
 
-def set_to(name: str, value: Any) -> None:
-    """Change a constant of this process."""
-    record, _, field = name.partition('.')
-    object.__setattr__(RECORDS[record], field, value)
+@contextmanager
+def changed(changes: Changes) -> Iterator[None]:
+    """Change constants of this process."""
+    before = {name: of(name) for name in changes}
+
+    def set_to(values: Changes) -> None:
+        for name, value in values.items():
+            record, _, field = name.partition('.')
+            object.__setattr__(RECORDS[record], field, value)
+
+    set_to(changes)
+    try:
+        yield
+    finally:
+        set_to(before)
 
 
 class Drives:
@@ -303,15 +309,13 @@ def tell(name: str, found: Mapping[str, tuple[str, Counts]]) -> dict[str, float]
 
 def details(found: Mapping[str, tuple[str, Counts]]) -> None:
     """Print a row for each drive, and one for each place."""
-    head(
-        'drive', 'keyframes', 'known', 'best is right', 'right', 'false', 'first after', 'mean log'
-    )
+    names = {'asked': 'keyframes', 'best': 'best is right'}
+    kinds = 'asked', 'known', 'best', 'right', 'false'
+    head('drive', *(names.get(kind, kind) for kind in kinds), 'first after', 'mean log')
     for drive, (_, one) in found.items():
         logs = f'{one["logs"] / max(1, one["told"]):.2f}'
         first = one['first'] if 'first' in one else '-'
-        row(
-            drive, one['asked'], one['known'], one['best'], one['right'], one['false'], first, logs
-        )
+        row(drive, *(one[kind] for kind in kinds), first, logs)
     print()
     head('place', 'score')
     for place, score in by_place(found).items():

@@ -3,10 +3,10 @@
 """
 Write an ONNX model without training, to try and to test `descriptor_model`.
 
-Usage: python scripts/make_onnx_model.py net.onnx [--kind hog|random] [--size 96] [--numbers 512].
-`hog` computes histograms of gradient directions in 8 x 8 cells of a grey image, each of unit
-length. `random` computes random convolutions of a colour image, averages them over 6 x 6 cells and
-projects them at random. `--numbers` is the length of the vectors. Needs `pip install onnx`.
+Usage: python scripts/make_onnx_model.py net.onnx [--kind hog|random]. `hog` computes histograms of
+gradient directions in 8 x 8 cells of a grey image, each of unit length. `random` computes random
+convolutions of a colour image, averages them over 6 x 6 cells and projects them at random. Needs
+`pip install onnx`.
 """
 
 import argparse
@@ -26,16 +26,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument('output', type=Path)
     parser.add_argument('--kind', choices=('hog', 'random'), default='hog')
-    parser.add_argument('--size', type=int, default=96, help='side of its input, px (96)')
-    parser.add_argument('--numbers', type=int, default=512, help='of its vector (512)')
     chosen = parser.parse_args()
-    model = make_model(chosen.kind, chosen.size, chosen.numbers)
-    chosen.output.write_bytes(model.SerializeToString())
+    chosen.output.write_bytes(make_model(chosen.kind).SerializeToString())
     return 0
 
 
 def make_model(kind: str = 'hog', size: int = 96, numbers: int = 512) -> onnx.ModelProto:
-    """Return a model with a square input, and with metadata for the preprocessing of images."""
+    """Return a model with a square input in px, and so many numbers in its vector."""
     nodes, constants = {'hog': _hog, 'random': _random}[kind](size, numbers)
     channels = {'hog': 1, 'random': 3}[kind]
     shape = 'images', channels, size, size  # any number of images at once
@@ -47,9 +44,8 @@ def make_model(kind: str = 'hog', size: int = 96, numbers: int = 512) -> onnx.Mo
         [numpy_helper.from_array(value.astype(np.float32), name) for name, value in constants],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid('', OPSET)], ir_version=IR)
-    metadata = {'size': f'{size}x{size}'}
-    metadata |= {'mean': '0.5', 'scale': '0.25'}
-    helper.set_model_props(model, metadata)
+    # How images are prepared.
+    helper.set_model_props(model, {'size': f'{size}x{size}', 'mean': '0.5', 'scale': '0.25'})
     onnx.checker.check_model(model)
     return model
 

@@ -15,9 +15,7 @@ recall; this favours every method. *One threshold* is the same for all places. m
 frame. With --steps, the steps from CoHOG to ours, open and closed, take their place.
 """
 
-import argparse
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import product
@@ -38,8 +36,8 @@ from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, Outcome, run_
 from convseq_ros.evaluation.query_answers import QueryAnswers, Scores
 from convseq_ros.evaluation.scorecard import judge, Verdicts
 from convseq_ros.evaluation.truth import Truth
-from drives import head, progress, row
-from fit_decision import of, RECORDS, set_to
+from drives import head, options, progress, row
+from fit_decision import changed, RECORDS
 from known_drives import Drive, Make, of_laps, Shown
 import numpy as np
 import numpy.typing as npt
@@ -64,7 +62,6 @@ RIGHT = {  # by place: up to where a match is right, and up to where it does not
     'laps': '40, 100 of 840',
     **{place: rule for place, (_, rule) in IN_OTHER_LIGHT.items()},
 }
-PLACES = [*RIGHT]
 ORIGINAL = 'sift-vlad rows=0'  # images as they are: SIFT finds more in some of them
 LARGE = 'Gardens Point', 'house', 'room'  # ... but these are not enlarged
 LENGTHS = 1, 10, 20, 40  # frames of a sequence
@@ -234,11 +231,15 @@ def runs(material: Material, text: str, config: Config, protocol: str) -> tuple[
     """
     Return the runs of a variant, and its pair scores (Q, R).
 
+    RECORD.name=VALUE at its end changes a constant.
+
     DLoopDetector has one per alpha and number of frames that agree; hbst has one that geometry
     decides, and one that its scores decide.
     """
-    with changed(text) as rest:
-        method = make_method(parse_method(rest), config)
+    asked, *changes = re.split(r' (?=[A-Z]+\.)', text)
+    pairs_of = (change.split('=') for change in changes)
+    with changed({name: float(value) for name, value in pairs_of}):
+        method = make_method(parse_method(asked), config)
         if method.kind.recognizer and protocol == OPEN:  # its scores of all pairs are not needed
             none = np.full(material.truth.right.shape, np.nan, np.float32)
             costs = method.measured(material, QueryAnswers([], [0.0], none))
@@ -284,32 +285,16 @@ def _run(text: str, outcome: Outcome) -> Run:
     return Run(text, judge(outcome), frame_ms, pairs.place_bytes or 0.0)
 
 
-@contextmanager
-def changed(text: str) -> Iterator[str]:
-    """Change the constants that a text names as RECORD.name=VALUE; yield the rest of it."""
-    words = text.split()
-    values = dict(word.split('=') for word in words if re.match(r'[A-Z]+\.', word))
-    before = {name: of(name) for name in values}
-    try:
-        for name, value in values.items():
-            set_to(name, float(value))
-        yield ' '.join(word for word in words if word.partition('=')[0] not in values)
-    finally:
-        for name, value in before.items():
-            set_to(name, value)
-
-
 def main() -> None:
     """Measure, and print a table of places and methods for each figure."""
-    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
-    parser.add_argument('--data', type=Path, required=True)
-    parser.add_argument('--real', type=Path)
-    parser.add_argument('--places', nargs='*', default=PLACES, choices=PLACES)
-    parser.add_argument('--methods', nargs='*', default=[*METHODS], choices=METHODS)
-    parser.add_argument('--steps', action='store_true')
-    chosen = parser.parse_args()
+    chosen = options(
+        __doc__, data=Path, real=None, places=(*RIGHT,), methods=(*METHODS,), steps=False
+    )
     time.perf_counter = time.process_time  # so that other load does not count
     config = make_config({'threads': 1})
+    variants: dict[str, Sequence[str]] = {name: METHODS[name] for name in chosen.methods}
+    if chosen.steps:
+        variants = {step: (text,) for step, text in STEPS.items()}
     results: dict[str, dict[str, list[Run]]] = {}
     closed: dict[str, dict[str, list[Run]]] = {}
     for place in chosen.places:
@@ -318,15 +303,10 @@ def main() -> None:
             progress(f'{place}: its images are not there')
             continue
         measured = Measured(place, opening, config)
-        if chosen.steps:
-            for protocol, found in ((OPEN, results), (CLOSED, closed)):
-                found[place] = {
-                    step: measured.runs(text, protocol) for step, text in STEPS.items()
-                }
-        else:
-            results[place] = {
-                method: [one for text in METHODS[method] for one in measured.runs(text, OPEN)]
-                for method in chosen.methods
+        for protocol, found in ((OPEN, results), *([(CLOSED, closed)] * chosen.steps)):
+            found[place] = {
+                name: [one for text in texts for one in measured.runs(text, protocol)]
+                for name, texts in variants.items()
             }
     if not results:
         return

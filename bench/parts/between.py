@@ -11,7 +11,7 @@ from convseq_ros.core.types import Frame, Pose, Reason
 import numpy as np
 
 from bench.finding import Finding
-from bench.material import read_drive, Work
+from bench.material import Work
 
 _RATE_HZ, _FRAMES = 30, 150
 _MOST_MS = 0.3
@@ -34,7 +34,7 @@ def measure(work: Work) -> list[Finding]:
 def _measured(
     work: Work, name: str, keyframes: KeyframeConfig, has_odometry: bool, speed_mps: float
 ) -> Finding:
-    images = read_drive(work.folder, 12 if work.quick else _FRAMES, speed_mps)
+    images = work.images_of(12 if work.quick else _FRAMES, speed_mps)
     reference_map = open_map(work.map_path(work.sizes[0]))
     reference_map.keyframes = keyframes
     recognizer = PlaceRecognizer(reference_map, Config())

@@ -20,7 +20,7 @@ from convseq_ros.core.types import Frame
 import numpy as np
 
 from bench.finding import Finding
-from bench.material import queries_path, resident_mb, Work
+from bench.material import resident_mb, Work
 
 _WANTED_SIZE = 100_000
 _MOST_MB, _MOST_OPEN_S, _MOST_KB = 300, 3, 32
@@ -62,7 +62,7 @@ def _map(work: Work, size: int) -> list[Finding]:
 
 def _opened(work: Work, path: Path) -> dict[str, float]:
     command: list[str | Path] = [sys.executable, '-m', 'bench.parts.memory']
-    command += [path, queries_path(work.folder)]
+    command += [path, work.queries_path]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return json.loads(done.stdout)
 

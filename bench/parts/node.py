@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.finding import Finding
-from bench.material import keyframe_map, model_map, model_of, read_drive, Work
+from bench.material import Work
 from bench.part import ALONE
 
 if TYPE_CHECKING:
@@ -47,8 +47,8 @@ def measure(work: Work) -> list[Finding]:
             name = f'{what}, {rate_hz} Hz, every frame'
             most = _MOST_P95_MS if rate_hz == _WANTED_HZ and work.threads == 1 else None
             findings += _findings(work, name, *run, most)
-    images = read_drive(work.folder, seconds * _WANTED_HZ)
-    with _node(work, keyframe_map(work.folder, size)) as one:
+    images = work.images_of(seconds * _WANTED_HZ)
+    with _node(work, work.keyframe_map(size)) as one:
         _driven(one, images, _RATES_HZ[0], seconds / 3)
         name = f'drive of 10 m/s, {_WANTED_HZ} Hz, 8 keyframes a second, R = {size:,}'
         run = _driven(one, images, _WANTED_HZ, seconds)
@@ -67,8 +67,8 @@ def _with_model(work: Work, size: int, seconds: int) -> list[Finding]:
     def listen(message: Any) -> None:
         answers.append({one.key: one.value for one in message.status[0].values})
 
-    path = model_map(work.folder, size, len(work.images))
-    with _node(work, path, descriptor_model=model_of(work.folder).absolute()) as one:
+    model, path = work.model().absolute(), work.model_map(size)
+    with _node(work, path, descriptor_model=model) as one:
         one.node.create_subscription(DiagnosticArray, '/vpr_node/answer', listen, 100)
         run = _driven(one, work.images, _RATES_HZ[0], seconds)
     model_ms, frame_ms = (
