@@ -18,6 +18,7 @@ against an earlier one, with only earlier images in the map; then all again with
 
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass, replace
+from itertools import chain
 import math
 from pathlib import Path
 import time
@@ -29,7 +30,7 @@ from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.rigid import angle, inverse, matrix
 from convseq_ros.core.similarity.matcher import make_matcher, Matcher
 from convseq_ros.core.similarity.scorer import Features
-from convseq_ros.core.types import Candidate, Frame, Pose
+from convseq_ros.core.types import Candidate, Frame
 from convseq_ros.simulation.street import Street
 import cv2
 from drives import Described, described, head, options, road, row, shots
@@ -75,14 +76,12 @@ def main() -> None:
     head('what', 'n', 'none', 'median m', '90 %', 'median deg', '90 %', 'squared', f'< {EXPECTED}',
          'same pose m', 'ms')  # fmt: skip
     errors_of: dict[str, list[Error | None]] = {}
-    for seed in chosen.streets:
-        for name, error in of_street(seed, chosen.images_px):
-            errors_of.setdefault(name, []).append(error)
+    streets = (of_street(seed, chosen.images_px) for seed in chosen.streets)
+    roads = (of_road(folder, chosen.images_px) for folder in chosen.roads)
+    for name, error in chain.from_iterable(chain(streets, roads)):
+        errors_of.setdefault(name, []).append(error)
     for name, errors in errors_of.items():
         print_row(name, errors)
-    for folder in chosen.roads:
-        for name, errors in of_road(folder, chosen.images_px):
-            print_row(f'{folder.name} {name}', errors)
 
 
 def print_row(name: str, errors: list[Error | None]) -> None:
@@ -117,12 +116,10 @@ def of_street(seed: int, images_px: int) -> Iterator[tuple[str, Error | None]]:
                 ('2 m away, shipped', nearest - 2, best),
                 ('3 m away', nearest - 3, single),
             ):
-                candidate = Candidate(index, 0, 0, matcher.shift(features, index))
-                pose_error = error(poses, features, frame, candidate, poses_of_map[index])
-                yield f'{light:9}{name}', pose_error
+                yield f'{light:9}{name}', error(poses, features, frame, index)
 
 
-def of_road(folder: Path, images_px: int) -> Iterator[tuple[str, list[Error | None]]]:
+def of_road(folder: Path, images_px: int) -> Iterator[tuple[str, Error | None]]:
     """Yield the errors of poses on a road, at 1, 2 and 4 frames from the reference."""
     frames, rng = road(folder), np.random.default_rng(1)
     shown = described(frames)
@@ -132,25 +129,18 @@ def of_road(folder: Path, images_px: int) -> Iterator[tuple[str, list[Error | No
         extracted = [matcher.extract(descriptor) for _, descriptor in queries]
         poses = FromOnePlace(reference_map, matcher)
         for apart in (1, 2, 4):
-            errors = []
             for at in range(apart + 3, len(shown)):
                 poses.last = index = at - apart
-                features = extracted[at]
+                features, frame = extracted[at], queries[at][0]
                 assert features
-                candidate = Candidate(index, 0, 0, matcher.shift(features, index))
-                place = reference_map.places[index]
-                errors.append(error(poses, features, queries[at][0], candidate, place.pose))
-            yield f'{name:5}{apart} frames', errors
+                pose_error = error(poses, features, frame, index)
+                yield f'{folder.name} {name:5}{apart} frames', pose_error
 
 
-def error(
-    poses: RelativePoses,
-    features: Features,
-    frame: Frame,
-    candidate: Candidate,
-    place: Pose | None,
-) -> Error | None:
-    """Return the errors of one pose; None if no pose in metres is measured."""
+def error(poses: RelativePoses, features: Features, frame: Frame, index: int) -> Error | None:
+    """Return the errors of a pose from a place; None if no pose in metres is measured."""
+    place = poses._map.places[index].pose
+    candidate = Candidate(index, 0, 0, poses._matcher.shift(features, index))
     started = time.process_time()
     pose = poses.measure(features, frame, candidate)
     ms = (time.process_time() - started) * 1e3

@@ -68,9 +68,9 @@ class Heard:
 
     frame: Frame
     true: Matrix  # (4, 4)
-    match: Match | None  # None before it is recognised
-    estimate: PoseEstimate | None
-    closure: tuple[str, Closure] | None
+    match: Match | None = None  # None before it is recognised
+    estimate: PoseEstimate | None = None
+    closure: tuple[str, Closure] | None = None
 
 
 class ByGraph:
@@ -186,11 +186,11 @@ def _told(drift: Drift, driven_m: float, grows: bool) -> tuple[float, float]:
     return 1e-3 + drift.noise_m**2 * driven_m, 1e-4 + of_yaw * driven_m
 
 
-def recognised(frames: Iterable[tuple[Frame, Matrix]], by: Pipeline) -> Iterator[Heard]:
-    """Yield what `vpr_node` tells of frames with odometry and their true poses."""
+def recognised(unheard: Iterable[Heard], by: Pipeline) -> Iterator[Heard]:
+    """Yield what `vpr_node` tells of frames with odometry."""
     reference_map = by.recognizer.reference_map
-    for frame, true in frames:
-        match, estimate, closure = by.recognizer.process(frame), None, None
+    for one in unheard:
+        match, estimate, closure = by.recognizer.process(one.frame), None, None
         by.save()
         if match.accepted:
             start = by.recognizer.mapping.session_start
@@ -200,7 +200,7 @@ def recognised(frames: Iterable[tuple[Frame, Matrix]], by: Pipeline) -> Iterator
             if match.pose and at:
                 sigmas = NODE.position_sigma_m, NODE.heading_sigma_rad
                 estimate = with_map_errors(match.pose, at, *sigmas)
-        yield Heard(replace(frame, gray=None), true, match, estimate, closure)
+        yield Heard(replace(one.frame, gray=None), one.true, match, estimate, closure)
     by.close()
 
 
@@ -208,7 +208,7 @@ def unheard(frames: Iterable[Frame]) -> Iterator[Heard]:
     """Yield frames that are not recognised yet."""
     for frame in frames:
         assert frame.pose
-        yield Heard(frame, matrix(frame.pose), None, None, None)
+        yield Heard(frame, matrix(frame.pose))
 
 
 def measured(
@@ -246,10 +246,8 @@ class Town:
     ) -> list[Heard]:
         progress(f'town {self._seed}, day {day}, {mode}{", carried" * carried}')
         drift = replace(DRIFT, seed=10 * self._seed + day)
-        shown = drawn(self._seed, day, carried)
-        frames = ((one.frame, one.true) for one in driven(unheard(shown), drift))
-        config = make_config(CLOSURES | {'mode': mode})
-        return [*recognised(frames, Pipeline(path, config))]
+        seen = driven(unheard(drawn(self._seed, day, carried)), drift)
+        return [*recognised(seen, Pipeline(path, make_config(CLOSURES | {'mode': mode})))]
 
     @cached_property
     def first_day_carried(self) -> list[Heard]:
@@ -310,8 +308,8 @@ def of_road(folder: Path, made: Path) -> Iterator[Run]:
     alike = {'threads': 1, 'keyframe_overlap': 1.0}
     build_map(shown[::2], path, make_config(alike))
     next_day = (replace(one, stamp_ns=one.stamp_ns + DAY_NS) for one in shown[1::2])
-    posed = ((one.frame, one.true) for one in driven(unheard(next_day), DRIFT))
-    heard = [*recognised(posed, Pipeline(path, make_config(CLOSURES | alike)))]
+    seen = driven(unheard(next_day), DRIFT)
+    heard = [*recognised(seen, Pipeline(path, make_config(CLOSURES | alike)))]
     for name, drift in DRIFTS.items():
         bys: dict[str, ByGraph | ByNode] = {
             'graph': ByGraph(graph_of(open_map(path), GRAPH)),
