@@ -3,7 +3,7 @@
 """
 A bridge from `~/closure` to a back end.
 
-Usage: python bridge_node.py rtabmap|swarm_slam|kimera|voxgraph. Not run in the tests: it needs the
+Usage: python bridge_node.py rtabmap|swarm_slam|kimera. Not run in the tests: it needs the
 sourced message package of the back end. With `descriptor` instead of a back end, it publishes a
 `GlobalDescriptor` of every image for RTAB-Map.
 """
@@ -55,7 +55,6 @@ class Bridge(Node):
         self._robot = self.declare_parameter('robot_id', 0).value
         self._send: Callable[[int, int, Any], bool] | None = None
         self._send_to: Callable[[int, int, int, float], bool]
-        self._send_by_stamp: Callable[[Any], None] | None = None
         self._needs_pose = name != 'swarm_slam'
         getattr(self, f'_begin_{name}')()
         self.create_subscription(PointCloud2, 'closure', self._on_closure, _DEPTH)
@@ -124,17 +123,6 @@ class Bridge(Node):
         self._send = send
         self._learn(name, 'pose_graph', self._waiting.keyframes, nodes)
 
-    def _begin_voxgraph(self) -> None:
-        kind = 'voxgraph_msgs/msg/LoopClosureEdgeList'
-        edges = self._publisher(kind, 'loop_closure_edges')
-
-        def send(closure: Any) -> None:
-            header = Header(stamp=self.get_clock().now().to_msg())
-            edges.publish(messages.voxgraph_edges(self._kinds, header, closure))
-
-        # The back end finds its submaps by stamp.
-        self._send_by_stamp = send
-
     def _begin_descriptor(self) -> None:
         from convseq_ros.core.encoding.descriptor import describe
         from convseq_ros.core.encoding.regions import global_descriptor
@@ -176,8 +164,6 @@ class Bridge(Node):
                 'odometry',
                 throttle_duration_sec=10.0,
             )
-        elif self._send_by_stamp:
-            self._send_by_stamp(closure)
         elif robot in self._others:
             self._others[robot].add(*stamps_ns, closure.confidence)
         else:
@@ -197,7 +183,7 @@ def _keyframe(message: Any) -> Stamped:
 
 def main() -> int:
     """Run until SIGINT."""
-    names = ('rtabmap', 'swarm_slam', 'kimera', 'voxgraph', 'descriptor')
+    names = ('rtabmap', 'swarm_slam', 'kimera', 'descriptor')
     if len(sys.argv) < 2 or sys.argv[1] not in names:
         print(f'usage: bridge_node.py {"|".join(names)} [--ros-args ...]', file=sys.stderr)
         return 1

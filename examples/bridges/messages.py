@@ -75,19 +75,6 @@ def swarm_robot_matches(
     return kind(robot_id=_NO_ROBOT, matches=[match])
 
 
-def voxgraph_edges(kinds: Kinds, header: Any, closure: Closure) -> Any:
-    """Return voxgraph_msgs/LoopClosureEdgeList of an edge; T_A_B: the query in the reference."""
-    edge = kinds['voxgraph_msgs/msg/LoopClosureEdge'](
-        timestamp_a=_time(kinds, closure.reference_ns),
-        timestamp_b=_time(kinds, closure.query_ns),
-        t_a_b=kinds['geometry_msgs/msg/PoseWithCovariance'](
-            pose=_pose(kinds, closure), covariance=closure.covariance.ravel()
-        ),
-    )
-    kind = kinds['voxgraph_msgs/msg/LoopClosureEdgeList']
-    return kind(header=header, loop_closure_edges=[edge])
-
-
 def kimera_edge(
     kinds: Kinds, header: Any, query: int, reference: int, closure: Closure, robot: int = 0
 ) -> Any:
@@ -115,8 +102,3 @@ def _pose(kinds: Kinds, closure: Closure) -> Any:
 def _quaternion(kinds: Kinds, closure: Closure) -> Any:
     x, y, z, w = closure.orientation.tolist()
     return kinds['geometry_msgs/msg/Quaternion'](x=x, y=y, z=z, w=w)
-
-
-def _time(kinds: Kinds, at_ns: int) -> Any:
-    sec, nanosec = divmod(at_ns, 10**9)
-    return kinds['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec)

@@ -17,7 +17,7 @@ import pytest
 pytest.importorskip('rosbags', reason='needs rosbags: pip install rosbags')
 
 from interfaces import blank, type_store
-from keyframes import Closure, Keyframes, robots_of, stamp_to_ns, Waiting
+from keyframes import Closure, Keyframes, robots_of, Waiting
 import messages
 import numpy as np
 
@@ -193,15 +193,6 @@ def test_a_closure_without_confidence_counts_as_sure(bridge, store):
 def test_a_session_without_a_valid_robot_number_is_refused(text):
     with pytest.raises(ValueError, match='sessions: '):
         robots_of([text])
-
-
-def test_voxgraph_gets_both_stamps_and_the_query_in_the_reference(store):
-    made = messages.voxgraph_edges(store.types, header(store), CLOSURE)
-    (edge,) = round_trip(store, made).loop_closure_edges
-    assert stamp_to_ns(edge.timestamp_a) == REFERENCE_NS
-    assert stamp_to_ns(edge.timestamp_b) == QUERY_NS
-    assert edge.t_a_b.pose.position.x == 2.0 and edge.t_a_b.pose.orientation.w == HALF[1]
-    assert (np.reshape(edge.t_a_b.covariance, (6, 6)) == CLOSURE.covariance).all()
 
 
 def test_closures_wait_for_a_back_end_that_comes_late_or_goes_away():
