@@ -10,6 +10,7 @@ from typing import Any
 
 from convseq_ros.evaluation.provenance import short
 
+from bench.arm import section
 from bench.finding import cells, COLUMNS, number, Row, table
 from bench.part import PARTS
 from bench.parts import between
@@ -75,6 +76,9 @@ def write_page(measured: Mapping[str, Any], docs: Path) -> None:
     if absent := [name for name in PARTS if name not in {row['part'] for row in rows}]:
         parts.append(f'Not measured here: {", ".join(absent)}.\n')
     parts.append(_ADVICE)
+    computed = docs / 'performance_arm.json'
+    if computed.exists():
+        parts.append(section(json.loads(computed.read_text(encoding='utf-8'))))
     (docs / 'PERFORMANCE.md').write_text('\n'.join(parts), encoding='utf-8')
 
 

@@ -24,7 +24,7 @@ from convseq_ros.config import make_config
 from convseq_ros.core.types import Candidate
 from convseq_ros.simulation.drive import Road
 from convseq_ros.simulation.street import Spot, Street
-from drives import count, head, options, RIGHT_M, row, shots
+from drives import head, options, PASSED_OVER, RIGHT_M, row, shots
 
 MARGIN_M = 10.0  # of an aisle, before and after the driven part
 LANE_M, ASIDE_M = -1.0, 0.4
@@ -78,7 +78,13 @@ def recognised(mapped: Shown, queries: Shown, back: bool, config: Config) -> Cou
         (aisle, at_m), (true, true_m) = there[match.reference_stamp_ns], here[frame.stamp_ns]
         return aisle == true and abs(at_m - true_m) <= RIGHT_M and not back
 
-    return count(PlaceRecognizer(reference_map, config), [one for _, one in queries], is_right)
+    recognizer, counts = PlaceRecognizer(reference_map, config), Counter[str]()
+    for _, frame in queries:
+        match = recognizer.process(frame)
+        counts['keyframes'] += match.reason not in PASSED_OVER
+        if match.accepted:
+            counts['right' if is_right(frame, match.accepted) else 'false'] += 1
+    return counts
 
 
 def main() -> None:
