@@ -44,6 +44,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
         help=f'run folder to write, with its page {REPORT} (results)')
     parser.add_argument('--data-root', type=Path, default=Path(), help='where the folders of '
         'ready-made sets are (the present folder)')
+    parser.add_argument('--cache', type=Path, metavar='FOLDER', help='keep descriptors in this '
+        'folder, and take those of the same images, settings and program from it')
     # fmt: on
     parser.add_argument('--json', action='store_true', help='print the summaries as JSON')
     add_config(parser)
@@ -67,6 +69,7 @@ def run(chosen: argparse.Namespace) -> int:
         protocols=tuple(dict.fromkeys(protocols)),
         keep=chosen.keep,
         criterion=chosen.criterion,
+        cache=chosen.cache,
         sweep=Sweep.parse(chosen.sweep) if chosen.sweep else None,
         argv=tuple(sys.argv),
     )

@@ -12,6 +12,7 @@ from convseq_ros.config import Config, flatten, KeyframeConfig
 from convseq_ros.config.parameter import parameters
 from convseq_ros.errors import ConfigError, load
 from convseq_ros.evaluation import run_folder
+from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.data_set import DataSet
 from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.methods import make_method, Method, MethodName, parse_method, Sweep
@@ -48,6 +49,7 @@ class Plan:
     protocols: tuple[str, ...] = (CLOSED,)
     keep: float | None = None  # `open` keeps this share of the map, from its start
     criterion: str = 'score'  # threshold of the curves: score, margin or confidence
+    cache: Path | None = None  # folder in which descriptors are kept between runs
     sweep: Sweep | None = None  # run every method with each of these values
     argv: tuple[str, ...] = ()  # the command, for the record
 
@@ -72,6 +74,8 @@ def evaluate(
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(f'{name}: two data sets have this name; rename one')
+    if plan.cache:
+        plan.cache.mkdir(parents=True, exist_ok=True)
     summaries, sections = list[Summary](), list[Section]()
     for data_set in data_sets:
         asked = [(data_set, protocol) for protocol in plan.protocols if protocol != PAST]
@@ -135,7 +139,8 @@ def _measure_set(
     texts = plan.sweep.methods(plan.methods) if plan.sweep else plan.methods
     methods = [make_method(name, config) for name in method_names(texts, data_set)]
     report(f'{data_set.name}: reading images')
-    material = open_material(data_set, config.encoding, config.reading)
+    cache = Cache(plan.cache, warn) if plan.cache else None
+    material = open_material(data_set, config.encoding, config.reading, cache)
     for line in dict.fromkeys([*material.query.warnings, *material.reference.warnings]):
         warn(line)
     if material.unmissable:

@@ -8,7 +8,12 @@ from functools import cached_property
 import time
 
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, KeyframeConfig
-from convseq_ros.core.encoding.descriptor import blank_descriptor, describe, visible_cells
+from convseq_ros.core.encoding.descriptor import (
+    blank_descriptor,
+    cell_shape,
+    describe,
+    visible_cells,
+)
 from convseq_ros.core.encoding.first_stage import FirstStage, identity_of
 from convseq_ros.core.encoding.glance import brightness
 from convseq_ros.core.encoding.keypoints import detect
@@ -17,10 +22,14 @@ from convseq_ros.core.map.image_coding import thumbnail
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import SourceError
+from convseq_ros.evaluation.cache import Made
 from convseq_ros.evaluation.images import Images
-from convseq_ros.models.onnx_model import open_model
+from convseq_ros.models.onnx_model import OnnxModel, open_model
 import numpy as np
 import numpy.typing as npt
+
+# Of a descriptor; only a model gives a vector.
+_ARRAYS = 'cells', 'salient', 'cell_entropy', 'vector', 'keypoints', 'brightness'
 
 
 @dataclass(frozen=True)
@@ -69,9 +78,24 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> DescribedDrive:
     if model:
         encoding = replace(encoding, descriptor_model=identity_of(model))
         blank = replace(blank, vector=np.zeros(model.numbers, np.float16))
+    facts, rows = images.once(('drive', encoding), lambda: _described(images, encoding, model))
+    images.warnings[:] = facts['warnings']
+    arrays = {name: rows[name] for name in _ARRAYS if name in rows}
+    found = iter(
+        Descriptor(entropy=entropy, **dict(zip(arrays, row, strict=True)))
+        for entropy, *row in zip(facts['entropies'], *arrays.values(), strict=True)
+    )
+    drive = facts['drive']
+    descriptors = [next(found) if readable else blank for readable in drive['readable']]
+    thumbnails = [small.tobytes() for small in rows['thumbnails']]
+    return DescribedDrive(encoding, descriptors=descriptors, thumbnails=thumbnails, **drive)
+
+
+def _described(images: Images, encoding: EncodingConfig, model: OnnxModel | None) -> Made:
+    """Return what `describe_drive` makes of images; arrays only of those that can be read."""
     first_stage = FirstStage(model, encoding)
     kept = KeyframeConfig()
-    visible = visible_cells(encoding.image_mask, blank.cells.shape[0])
+    visible = visible_cells(encoding.image_mask, cell_shape(encoding.image_size_px)[0])
     stamps_ns, names, readable, descriptors = [], [], [], []
     described_ms, detected_ms = [], []
     thumbnails: list[bytes] = []
@@ -79,9 +103,7 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> DescribedDrive:
     for raw in images:
         frame = upright(raw, encoding)
         started = time.perf_counter()
-        if frame.gray is None:
-            descriptors.append(blank)
-        else:
+        if frame.gray is not None:
             descriptor = first_stage.add(frame, describe(frame.gray, encoding))
             described_ms.append((time.perf_counter() - started) * 1e3)
             corners = detect(frame.gray, visible, kept.keypoints)
@@ -100,5 +122,20 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> DescribedDrive:
     if problems:
         told = f'{len(problems)} of {len(names)} images cannot be read, such as {problems[0]}'
         images.warnings.append(f'{images.part}: {told}')
-    times_ms = float(np.median(described_ms)), float(np.median(detected_ms))
-    return DescribedDrive(encoding, stamps_ns, names, readable, descriptors, *times_ms, thumbnails)
+    arrays = {name: [getattr(one, name) for one in descriptors] for name in _ARRAYS}
+    if model is None:
+        del arrays['vector']
+    return Made(
+        {
+            'drive': {
+                'stamps_ns': stamps_ns,
+                'names': names,
+                'readable': readable,
+                'encode_ms': float(np.median(described_ms)),
+                'keypoints_ms': float(np.median(detected_ms)),
+            },
+            'entropies': [one.entropy for one in descriptors],
+            'warnings': [*images.warnings],
+        },
+        {'thumbnails': [np.frombuffer(small, np.uint8) for small in thumbnails], **arrays},
+    )

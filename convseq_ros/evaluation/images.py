@@ -14,7 +14,9 @@ from typing import Any
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
+from convseq_ros.evaluation.cache import Cache, Made
 from convseq_ros.evaluation.data_set import Part
+from convseq_ros.evaluation.provenance import program
 from convseq_ros.sources import open_source
 from convseq_ros.sources.folder import pictures_in
 import numpy as np
@@ -27,6 +29,7 @@ class Images:
 
     part: Part  # location
     reading: ReadingConfig = ReadingConfig()  # size limits
+    cache: Cache | None = None  # of what is made of them
     warnings: list[str] = field(default_factory=list, compare=False)  # of the last reading
 
     @cached_property
@@ -48,6 +51,17 @@ class Images:
         source = open_source(part.path, part.topic, self.reading)
         yield from self._in_direction(source)
         self.warnings[:] = source.warnings
+
+    def once(self, what: object, make: Callable[[], Made]) -> Made:
+        """
+        Return what is made of the images, if possible from the cache.
+
+        The text `repr(what)` says all that it depends on, but for images and programs.
+        """
+        if self.cache is None:
+            return make()
+        key = repr((what, self.part, self.reading, self.sha256, program()))
+        return self.cache.once(key, make)
 
     def _in_direction(self, source: Iterable[Frame]) -> Iterator[Frame]:
         if not self.part.backwards:

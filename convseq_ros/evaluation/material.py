@@ -9,6 +9,7 @@ from typing import TypeVar
 from convseq_ros.config import EncodingConfig
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.errors import SourceError
+from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.data_set import DataSet, Part
 from convseq_ros.evaluation.drive import describe_drive, DescribedDrive
 from convseq_ros.evaluation.images import Images
@@ -65,11 +66,14 @@ class Material:
 
 
 def open_material(
-    data_set: DataSet, encoding: EncodingConfig, reading: ReadingConfig = ReadingConfig()
+    data_set: DataSet,
+    encoding: EncodingConfig,
+    reading: ReadingConfig = ReadingConfig(),
+    cache: Cache | None = None,
 ) -> Material:
     """Return a set with images and truth read; SourceError if they do not fit together."""
     parts = data_set.query, data_set.reference or data_set.query
-    images = [_images(part, data_set, reading) for part in parts]
+    images = [_images(part, data_set, reading, cache) for part in parts]
     no_truth = Truth(np.zeros((0, 0), np.bool_))
     material = Material(data_set, images[0], images[1], no_truth)
     drives = material.drives(encoding)
@@ -90,13 +94,13 @@ def open_material(
     return replace(material, truth=truth, _drives={encoding: drives})
 
 
-def _images(part: Part, data_set: DataSet, reading: ReadingConfig) -> Images:
+def _images(part: Part, data_set: DataSet, reading: ReadingConfig, cache: Cache | None) -> Images:
     if not part.path.exists():
         raise SourceError(
             f'{data_set.name}: {part.path} is missing; '
             f'{data_set.where or "correct the path in its file"}'
         )
-    return Images(part, reading)
+    return Images(part, reading, cache)
 
 
 def _truth(

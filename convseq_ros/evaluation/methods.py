@@ -23,6 +23,7 @@ from convseq_ros.config.parameter import refuse_unknown, Value
 from convseq_ros.core.encoding.mask import masked
 from convseq_ros.errors import ConfigError, load
 from convseq_ros.evaluation import peers
+from convseq_ros.evaluation.cache import Made
 from convseq_ros.evaluation.given_files import read_descriptors, read_scores
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.images import described, Images
@@ -211,7 +212,7 @@ def _core(material: Material, name: MethodName, config: Config) -> PairScores:
 
 
 def _seqslam(material: Material, _name: MethodName, _config: Config) -> PairScores:
-    query, reference, encode_ms = _descriptors(material, seqslam.patch_normalized)
+    query, reference, encode_ms = _descriptors(material, seqslam.patch_normalized, 'seqslam')
     started = time.perf_counter()
     scores = seqslam.enhanced(seqslam.differences(query, reference))
     row_ms = (time.perf_counter() - started) * 1e3 / len(query)
@@ -220,13 +221,13 @@ def _seqslam(material: Material, _name: MethodName, _config: Config) -> PairScor
 
 
 def _hog(material: Material, _name: MethodName, _config: Config) -> PairScores:
-    return _by_cosine(*_descriptors(material, whole_image_hog))
+    return _by_cosine(*_descriptors(material, whole_image_hog, 'hog'))
 
 
 def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
     how = {key: value for key, value in name.options.items() if key != 'file'}
     model = OnnxModel(Path(name.options['file']), config.reading, how)
-    return _by_cosine(*_descriptors(material, model))
+    return _by_cosine(*_descriptors(material, model, (model.identity, how)))
 
 
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
@@ -266,17 +267,23 @@ def _given_descriptors(material: Material, name: MethodName, config: Config) -> 
 
 
 def _descriptors(
-    material: Material, describe: Callable[[Gray], Vectors]
+    material: Material, describe: Callable[[Gray], Vectors], what: object
 ) -> tuple[Vectors, Vectors, float]:
-    """Return query and reference descriptors, and the median time per query in ms."""
+    """
+    Return query and reference descriptors, and the median time per query in ms.
 
-    def of(images: Images) -> tuple[Vectors, float]:
+    `repr(what)` says which function describes an image.
+    """
+
+    def of(images: Images) -> Made:
         rows, median_ms = described(images, describe)
         zeros = np.zeros_like(next(row for row in rows if row is not None))
-        return np.stack([zeros if row is None else row for row in rows]), median_ms
+        vectors = [zeros if row is None else row for row in rows]
+        return Made({'encode_ms': median_ms}, {'vectors': vectors})
 
-    (query, encode_ms), (reference, _) = material.each(of)
-    return query, reference, encode_ms
+    query, reference = material.each(lambda images: images.once(what, lambda: of(images)))
+    vectors = (np.stack(made.rows['vectors']) for made in (query, reference))
+    return *vectors, query.facts['encode_ms']
 
 
 def cosine_scores(

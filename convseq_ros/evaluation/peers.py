@@ -18,15 +18,17 @@ from convseq_ros.baselines.vocabulary import bag_scores, LEVELS, Vocabulary
 from convseq_ros.config.reading_config import ReadingConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Frame, Match, Reason
+from convseq_ros.evaluation.cache import Made
 from convseq_ros.evaluation.drive import DescribedDrive
 from convseq_ros.evaluation.given_scores import PairScores
-from convseq_ros.evaluation.images import described
+from convseq_ros.evaluation.images import described, Images
 from convseq_ros.evaluation.material import Material
 from convseq_ros.sources import open_source
 import numpy as np
 import numpy.typing as npt
 
 Vector = npt.NDArray[np.float32]
+Keypoints = tuple[list[LocalFeatures], float]  # of each frame, and the median time in ms
 OPTIONS = 'alpha', 'vocabulary', 'rows'
 TREE_OPTIONS = 'levels', 'direct'  # of `orb-bow`
 _CANDIDATES = 5  # best images of a tree that geometry verifies
@@ -80,8 +82,7 @@ def peer_scores(
     words. If `direct` is given, only keypoints match that share the node so many levels above.
     """
     peer = PEERS[kind]
-    extract = partial(peer.extract, rows=image_rows)
-    (query, extract_ms), (reference, _) = material.each(partial(_extracted, extract=extract))
+    (query, extract_ms), (reference, _) = _keypoints(material, peer.extract, image_rows)
     training = reference
     if vocabulary:
         each = (_in_folder(one, peer, image_rows, reading) for one in vocabulary.split(','))
@@ -126,8 +127,7 @@ def tree_scores(material: Material, image_rows: int = ROWS) -> PairScores:
     A score is the share of the frame's ORB descriptors that a place has. Images are as for
     `peer_scores`.
     """
-    extract = partial(local_features.orb, rows=image_rows)
-    (query, encode_ms), (reference, _) = material.each(partial(_extracted, extract=extract))
+    (query, encode_ms), (reference, _) = _keypoints(material, local_features.orb, image_rows)
     tree = HammingTree()
     if not material.data_set.online:
         for keypoints in reference:
@@ -186,6 +186,21 @@ def matches_of(
     return matches
 
 
+def _keypoints(material: Material, extract: Extract, rows: int) -> tuple[Keypoints, Keypoints]:
+    """Return the keypoints of query and reference, whose images are enlarged to some rows."""
+
+    def make(images: Images) -> Made:
+        found, median_ms = _extracted(images, partial(extract, rows=rows))
+        names = 'points_px', 'descriptors'
+        return Made({'ms': median_ms}, {of: [getattr(one, of) for one in found] for of in names})
+
+    def of(images: Images) -> Keypoints:
+        made = images.once((extract.__name__, rows), lambda: make(images))
+        return [*map(LocalFeatures, *made.rows.values())], made.facts['ms']
+
+    return material.each(of)
+
+
 @lru_cache(maxsize=32)
 def _in_folder(folder: str, peer: _Peer, rows: int, reading: ReadingConfig) -> list[LocalFeatures]:
     """Return the keypoints of a folder's images; they are cached, as many data sets share them."""
@@ -195,7 +210,7 @@ def _in_folder(folder: str, peer: _Peer, rows: int, reading: ReadingConfig) -> l
 
 def _extracted(
     frames: Iterable[Frame], extract: Callable[[npt.NDArray[np.uint8]], LocalFeatures]
-) -> tuple[list[LocalFeatures], float]:
+) -> Keypoints:
     """Return the keypoints per frame, empty if unreadable, and the median time in ms."""
     keypoints, median_ms = described(frames, extract)
     empty = extract(np.zeros((1, 1), np.uint8))

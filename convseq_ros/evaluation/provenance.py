@@ -3,6 +3,8 @@
 """The provenance of a result: versions, machine, commit and date."""
 
 from datetime import datetime, UTC
+from functools import cache
+import hashlib
 from importlib import metadata
 import os
 from pathlib import Path
@@ -31,6 +33,16 @@ def provenance() -> dict[str, Any]:
         'commit': _commit(),
         'date': datetime.now(UTC).isoformat(timespec='seconds'),
     }
+
+
+@cache
+def program() -> str:
+    """Return a text that differs if programs or the processor may compute other numbers."""
+    sources, folder = hashlib.sha256(), Path(__file__).resolve().parents[1]
+    for path in sorted(folder.rglob('*')):
+        if path.suffix in ('.py', '.so'):
+            sources.update(f'{path.relative_to(folder)}'.encode() + path.read_bytes())
+    return f'{provenance()["versions"]} {processor()} {sources.hexdigest()}'
 
 
 def _commit() -> str | None:

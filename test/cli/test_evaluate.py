@@ -34,7 +34,9 @@ def evaluate(street, *arguments):
 
 
 def test_a_table_is_printed_and_the_folder_written(street, capsys):
-    assert evaluate(street, street, '--method', 'cohog', '--method', 'hog') == 0
+    kept = street.parent / 'kept'
+    methods = '--method', 'cohog', '--method', 'hog', '--cache', kept
+    assert evaluate(street, street, *methods) == 0
     out, err = capsys.readouterr()
     lines = out.splitlines()
     assert not err and 'R@1   R@5  R@10  R@20 ' in lines[0]
@@ -44,6 +46,7 @@ def test_a_table_is_printed_and_the_folder_written(street, capsys):
     assert cohog[7:11] == ['1.000', '1.000', '1.000', '1.000']
     assert hog[7:11] == ['+0.000', '(+0.00', 'to', '+0.00)']
     assert (street.parent / 'out' / 'summary.csv').exists()
+    assert len([*kept.glob('*.npz')]) == 3  # of ours, the paper's and HOG
 
 
 @pytest.mark.parametrize('name', ['report.html', 'summary.csv'])
