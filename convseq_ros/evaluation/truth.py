@@ -167,19 +167,26 @@ def read_positions(
     """
     text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
     table = csv.DictReader(text)
+    positions, owners = list[list[float]](), list[str]()
+    wanted = 'the columns x, y, z in metres, or lat, lon in degrees'
     try:
         table.fieldnames = [name.strip().lower() for name in table.fieldnames or []]
-        rows: list[Mapping[str, str]] = list(table)
-        rows = [row for row in rows if row.get('drive', drive).strip().lower() == drive]
-        positions = [_position(row) for row in rows]
         column = next((name for name in _NAMES if name in table.fieldnames), None)
-        owners = [PurePath(row[column].strip()).name for row in rows] if column else None
-    except (AttributeError, csv.Error, KeyError, TypeError, ValueError):
+        for row in table:
+            if row.get('drive', drive).strip().lower() == drive:
+                if any(row.get(None, ())):  # more cells than the first line
+                    raise ValueError
+                positions.append(_position(row))
+                owners += [PurePath(row[column].strip()).name] if column else []
+    except (csv.Error, KeyError):
+        raise SourceError(f'{path}: expected a CSV table with {wanted}') from None
+    except (AttributeError, TypeError, ValueError):
+        line = text.getvalue().splitlines()[table.line_num - 1][:80]
         raise SourceError(
-            f'{path}: expected a CSV table with the columns x, y, z in metres, or lat, lon in '
-            'degrees'
+            f'{path}: line {table.line_num} ({line}) tells no position; expected numbers with a '
+            f'point, or nan, in {wanted}'
         ) from None
-    if owners is not None:
+    if column:
         positions = _by_name(positions, owners, drive, names, path)
     if len(positions) != len(names):
         raise SourceError(

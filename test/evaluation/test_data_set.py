@@ -286,6 +286,13 @@ def test_positions_come_from_a_table_of_one_or_both_drives(tmp_path):
         read_positions(write(tmp_path / 'bad.csv', 'a,b\n1,2\n'), 'query', NAMES[:1])
 
 
+@pytest.mark.parametrize('row', ['1,5,2,5', '1,', '1', '"1,5",2', 'N/A,2'])
+def test_a_row_that_tells_no_position_is_named_with_its_line(tmp_path, row):
+    table = write(tmp_path / 'p.csv', f'x,y\n0,0\n\n{row}\n')
+    with pytest.raises(SourceError, match=rf'p.csv: line 4 \({row}\) tells no position; expected'):
+        read_positions(table, 'query', NAMES[:2])
+
+
 @pytest.mark.parametrize(
     'text',
     [
