@@ -131,7 +131,7 @@ def _truth(
     assert source.path is not None
     names = query.names, reference.names
     pairs = read_pairs(source.path, *names, source.first_index, reading)
-    return from_pairs(pairs, shape, source.tolerance, str(source.path))
+    return from_pairs(pairs, shape, source.tolerance, str(source.path), source.first_index)
 
 
 def _positions(

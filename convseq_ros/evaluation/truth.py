@@ -54,15 +54,22 @@ def same_index(queries: int, references: int, tolerance: int) -> Truth:
     return Truth(_widened(np.eye(queries, dtype=np.bool_), tolerance), tolerance)
 
 
-def from_pairs(pairs: Numbers, shape: tuple[int, int], tolerance: int, where: str) -> Truth:
-    """Return the truth of pairs (P, 2), or (P, 3) with tolerances; SourceError out of range."""
+def from_pairs(
+    pairs: Numbers, shape: tuple[int, int], tolerance: int, where: str, first_index: int = 0
+) -> Truth:
+    """
+    Return the truth of pairs (P, 2), or (P, 3) with tolerances; SourceError out of range.
+
+    The error counts from `first_index`, as the table does.
+    """
     right = np.zeros(shape, np.bool_)
     for query, reference, *own_tolerance in pairs.tolist():
         for kind, index, count in (('query', query, shape[0]), ('reference', reference, shape[1])):
             if not 0 <= index < count:
                 raise SourceError(
-                    f'{where}: {kind} {index} does not exist, there are {count} (0 to '
-                    f'{count - 1}); complete the images or correct the truth'
+                    f'{where}: {kind} {index + first_index} does not exist, there are {count} '
+                    f'({first_index} to {first_index + count - 1}); complete the images, or '
+                    'correct the truth or its first_index'
                 )
         pair_tolerance = own_tolerance[0] if own_tolerance else tolerance
         right[query, max(0, reference - pair_tolerance) : reference + pair_tolerance + 1] = True
@@ -256,7 +263,9 @@ def _numbers(names: Sequence[str], first_index: int) -> Callable[[str], int]:
     by_name |= {Path(name).stem: index for index, name in enumerate(names)}
 
     def number(cell: str) -> int:
-        return by_name[cell] if not _WHOLE.fullmatch(cell) else _count(cell) - first_index
+        # 0007 is a name, if an image has it.
+        is_name = not _WHOLE.fullmatch(cell) or (cell in by_name and cell != str(_count(cell)))
+        return by_name[cell] if is_name else _count(cell) - first_index
 
     return number
 

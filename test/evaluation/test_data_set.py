@@ -248,6 +248,14 @@ def test_columns_of_a_table_are_those_of_its_names_and_without_names_the_first_t
 def test_a_table_may_count_from_one(tmp_path):
     table = write(tmp_path / 'gt.csv', 'frame,revisits,tolerance\n5,1,2\n')
     assert read_pairs(table, NAMES, NAMES, first_index=1).tolist() == [[4, 0, 2]]
+    with pytest.raises(SourceError, match=r'query 5 does not exist, there are 4 \(1 to 4\)'):
+        from_pairs(np.array([[4, 0]]), (4, 4), 0, 'gt.csv', first_index=1)
+
+
+def test_a_padded_number_is_the_image_of_that_name_if_there_is_one(tmp_path):
+    table = write(tmp_path / 'gt.csv', 'query,reference\n0001,02\n1,0\n0.0,0\n')
+    names = ['0001.png', '0002.png']
+    assert read_pairs(table, names, names + names).tolist() == [[0, 2], [1, 0], [0, 0]]
 
 
 @pytest.mark.parametrize(
