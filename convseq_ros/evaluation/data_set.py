@@ -114,6 +114,8 @@ class DataSet:
         for name in (self.name, *self.published):
             if not re.fullmatch(r'\w[\w.-]*', name):
                 raise ConfigError(f'name {name!r} is no folder name; use letters, digits, . _ -')
+        if self.exclude_recent < 0:
+            raise ConfigError(f'exclude_recent is {self.exclude_recent}; give at least 0')
         if self.online and self.truth.kind == 'identity':
             raise ConfigError(
                 'truth identity needs a reference; against its own past every frame would be its '

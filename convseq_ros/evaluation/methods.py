@@ -68,6 +68,8 @@ class MethodName:
         text = self.options.get(key, str(default))
         try:
             number = kind(text)
+            if math.isnan(number):
+                raise ValueError
         except ValueError:
             raise ConfigError(f'method {self.label}: {key} is not a number: {text!r}') from None
         if number < least:
@@ -96,7 +98,7 @@ def parse_method(text: str) -> MethodName:
             f'method {text!r}: label {label!r} is no folder name; use letters, digits'
         )
     length = options.pop('k', None)
-    if length not in (None, 'dynamic') and not str(length).isdigit():
+    if length not in (None, 'dynamic') and not re.fullmatch('[0-9]+', length):
         raise ConfigError(f'method {label}: k is a number or dynamic, not {length!r}')
     k = None if length is None else 0 if length == 'dynamic' else int(length)
     return MethodName(label, kind, options, k)
@@ -231,7 +233,7 @@ def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
 
 
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
-    alpha, rows = name.number(float, 'alpha', ALPHA), name.number(int, 'rows', ROWS)
+    alpha, rows = name.number(float, 'alpha', ALPHA), name.number(int, 'rows', ROWS, 0)
     vocabulary = name.options.get('vocabulary', '')
     levels = name.number(int, 'levels', LEVELS, 1)
     direct = name.number(int, 'direct', 0, 0) if 'direct' in name.options else None
@@ -241,7 +243,7 @@ def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
 
 
 def _hbst(material: Material, name: MethodName, _: Config) -> PairScores:
-    return peers.tree_scores(material, name.number(int, 'rows', ROWS))
+    return peers.tree_scores(material, name.number(int, 'rows', ROWS, 0))
 
 
 def _given_scores(material: Material, name: MethodName, config: Config) -> PairScores:

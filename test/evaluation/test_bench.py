@@ -186,7 +186,7 @@ def test_the_score_matrices_of_a_set_are_shown_single_frame_and_in_sequence(
         (('convseq k10',), "method 'convseq k10': expected a name and options"),
         (('seqslam k=20',), 'seqslam takes no k; give ds, its own'),
         (('cohog k=20',), 'cohog takes no k; paper does'),
-        (('cohog k=few',), 'k is a number or dynamic'),
+        (('paper k=²',), 'k is a number or dynamic'),
         (('cohog label=..',), "label '..' is no folder name"),
     ],
 )
@@ -316,7 +316,12 @@ def test_a_model_is_a_first_stage_of_the_recogniser(accuracy, tmp_path):
 
 def test_bag_of_words_decides_by_itself_and_refuses_invalid_options(accuracy):
     assert accuracy('orb-bow') is not None
-    for option, problem in {'alpha=low': "is not a number: 'low'", 'direct=-1': 'is -1; '}.items():
+    for option, problem in {
+        'alpha=low': "is not a number: 'low'",
+        'alpha=nan': "is not a number: 'nan'",
+        'direct=-1': 'is -1; ',
+        'rows=-1': 'is -1; ',
+    }.items():
         with pytest.raises(ConvseqError, match=f'{option.split("=")[0]} {problem}'):
             accuracy(f'orb-bow {option}')
 

@@ -94,6 +94,7 @@ def yaml(**changes):
         ),
         (yaml(truth='{kind: identity, tolerance: two}'), "tolerance: 'two' is not a number"),
         (yaml(reference=''), 'truth identity needs a reference'),
+        (yaml(exclude_recent='-1'), 'exclude_recent is -1; give at least 0'),
         (yaml(truth='{kind: poses, radius_m: 1, tolerance: 2}'), 'poses has no tolerance; leave'),
         (yaml(truth='{kind: identity, path: a.csv}'), 'truth: identity has no path; leave it out'),
         (yaml(name='a/b'), "name 'a/b' is no folder name"),
