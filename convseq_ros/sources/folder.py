@@ -44,7 +44,9 @@ def pictures_in(path: Path) -> list[Path]:
     """Return the pictures of a folder, img2 before img10, hidden ones left out; or SourceError."""
     try:
         named = [file for file in path.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES]
-        pictures = [file for file in named if not file.name.startswith('.') and file.is_file()]
+        shown = [file for file in named if not file.name.startswith('.')]
+        # A link to nothing is a picture that cannot be read; frames after it keep their numbers.
+        pictures = [file for file in shown if file.is_file() or not file.exists()]
     except OSError as error:
         raise SourceError(
             f'{path}: {error.strerror}; check the path and its permissions'

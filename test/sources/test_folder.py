@@ -180,6 +180,15 @@ def test_an_unreadable_picture_becomes_a_frame_with_its_problem(tmp_path, conten
     assert first.gray is not None is not last.gray and not first.problem
 
 
+def test_a_link_to_a_missing_picture_keeps_its_frame(tmp_path):
+    draw(tmp_path / '1.png')
+    (tmp_path / '2.png').symlink_to('absent.png')
+    draw(tmp_path / '3.png')
+    frames = [*ImageFolder(tmp_path)]
+    assert [frame.source for frame in frames] == ['1.png', '2.png', '3.png']
+    assert 'No such file or directory' in frames[1].problem
+
+
 def test_missing_empty_and_pictureless_folders_and_topics_of_one_are_errors(tmp_path):
     with pytest.raises(SourceError, match='No such file'):
         ImageFolder(tmp_path / 'missing')
