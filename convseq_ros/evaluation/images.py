@@ -41,7 +41,7 @@ class Images:
         try:
             return content_digest(self.part.path)
         except OSError as error:
-            raise SourceError(f'{self.part.path}: {error.strerror}; check the path') from None
+            raise SourceError(f'{error.filename}: {error.strerror}; restore it') from None
 
     def __iter__(self) -> Iterator[Frame]:
         part = self.part

@@ -225,6 +225,22 @@ def test_images_that_cannot_be_read_are_told(street, quick, tmp_path):
     assert 'query: 1 of 24 images cannot be read, such as' in line and '003.png' in line
 
 
+def test_a_picture_that_is_missing_is_named(street, quick, tmp_path):
+    (picture := street.folder / 'query' / '003.png').unlink()
+    picture.symlink_to('absent.png')
+    with pytest.raises(ConvseqError, match=r'query/003.png: No such file or dir.*; restore it'):
+        run(street, quick, tmp_path / 'out', 'cohog')
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_figure_without_answers_and_truth_has_no_legend(street, quick, tmp_path):
+    for picture in (street.folder / 'query').iterdir():
+        cv2.imwrite(str(picture), np.zeros((128, 128), np.uint8))
+    street.write(street.file.read_text().replace('identity, tolerance: 1', 'none'))
+    (summary,) = run(street, quick, tmp_path / 'out', 'hog')
+    assert summary['matched'] == 0
+
+
 def test_queries_with_every_place_right_are_told_once_and_on_the_page(street, quick, tmp_path):
     street.write(street.file.read_text().replace('tolerance: 1', 'tolerance: 13'))
     warnings = []

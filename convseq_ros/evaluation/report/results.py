@@ -125,7 +125,8 @@ def _matrix(result: Result) -> str:
     if dots:
         words = _words(result)
         show_matches(axes, np.array(dots), np.array([words[at] for at, _ in dots]), size=3.5)
-    figure.legend(loc='upper center', bbox_to_anchor=(0.5, 0.0), ncols=2, fontsize=7)
+    if axes.get_legend_handles_labels()[0]:
+        figure.legend(loc='upper center', bbox_to_anchor=(0.5, 0.0), ncols=2, fontsize=7)
     return svg(figure)
 
 
