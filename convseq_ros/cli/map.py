@@ -66,6 +66,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     selection = add.add_mutually_exclusive_group(required=True)
     selection.add_argument('--session', action='append', help=_SESSION)
     add_max_looks(selection)
+    add.set_defaults(max_looks=None)  # a value that is the default counts as not given
 
     add = add_verb(verbs, 'rename', _rename, 'call a session of a map by another name')
     add.add_argument('map', type=Path)

@@ -136,6 +136,20 @@ def test_a_session_is_renamed_and_reported(two, run):
     assert '1 night, rain: 14 references, 14 with a pose, 13.0 m' in run('info', two)[1]
 
 
+def test_a_word_that_is_a_name_of_one_session_and_the_number_of_another_is_refused(two, run):
+    assert run('map', 'rename', two, '--session', '1', '0')[0] == 0
+    code, said = run('map', 'remove', two, '--session', '0')
+    assert code == 1 and "no single session is '0'; it has 0 'drive 0', 1 '0'" in said
+    last = open_map(two).sessions[1].id
+    assert run('map', 'remove', two, '--session', last)[0] == 0
+    assert [one.name for one in open_map(two).sessions] == ['drive 0']
+
+
+def test_a_limit_of_looks_that_keeps_all_is_a_limit(two, run):
+    before = two.read_bytes()
+    assert run('map', 'remove', two, '--max-looks', '0')[0] == 0 and two.read_bytes() == before
+
+
 def test_sessions_without_a_name_are_called_after_their_map(tmp_path, run):
     for append in (False, True):
         with MapBuilder(tmp_path / 'old.db', CONFIG, append) as builder:

@@ -5,7 +5,6 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from operator import attrgetter
 from pathlib import Path
 
 from convseq_ros.core.graph.links import chained, Links
@@ -55,13 +54,17 @@ def required_slices(path: Path, opened: ReferenceMap | None = None) -> list[Sess
 
 
 def chosen_slice(slices: Sequence[SessionSlice], wanted: str) -> SessionSlice:
-    """Return the session with a name, an id or a number; MapError, naming all, without one."""
-    for key in map(attrgetter, ('session.name', 'session.id', 'number')):
-        matching = [part for part in slices if str(key(part)) == wanted]
-        if len(matching) == 1:
-            return matching[0]
+    """Return the one session of a name, id or number; MapError, naming all, without it."""
+    matching = [
+        part for part in slices if wanted in (part.session.name, part.session.id, str(part.number))
+    ]
+    if len(matching) == 1:
+        return matching[0]
     choices = ', '.join(f'{part.number} {part.session.name!r}' for part in slices)
-    raise MapError(f'{slices[0].path}: no single session is {wanted!r}; it has {choices}')
+    raise MapError(
+        f'{slices[0].path}: no single session is {wanted!r}; it has {choices}; `convseq info` '
+        'shows their ids'
+    )
 
 
 def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
