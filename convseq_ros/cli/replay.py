@@ -111,10 +111,6 @@ def _replayed(chosen: argparse.Namespace, pipeline: Pipeline) -> dict[str, Any]:
             matches.append(match)
             durations.append(duration_ms)
             _save(pipeline)
-    if path := chosen.tum:
-        if not poses:
-            raise MapError(f'{path}: no accepted place has a pose; build the map with --odom')
-        write_lines(path, tum(poses))
     if report:
         title = printable(f'{chosen.recording.name} in {name.name}')
         report.write(chosen.report, title, first)
@@ -124,6 +120,10 @@ def _replayed(chosen: argparse.Namespace, pipeline: Pipeline) -> dict[str, Any]:
         warn(warning)
     if (loaded := first.reference_map).unreadable:
         warn(f'{name}: {loaded.unreadable} kept images cannot be used; {loaded.unreadable_why}')
+    if path := chosen.tum:
+        if not poses:
+            raise MapError(f'{path}: no accepted place has a pose; build the map with --odom')
+        write_lines(path, tum(poses))
     return summarize(matches, durations)
 
 

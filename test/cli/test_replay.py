@@ -68,8 +68,12 @@ def test_poses_of_accepted_frames_are_a_trajectory_for_evo(two_rounds, tmp_path,
     accepted = [row for row in table if row['reason'] == 'accepted']
     assert len(accepted) == ROUND - 1 == read.num_poses
     assert read.positions_xyz[:, 0].tolist() == [int(row['reference_index']) for row in accepted]
-    code, error = replay(two_rounds, tmp_path / 'none.db', *ONLINE, '--tum', str(trajectory))
+    pytest.importorskip('jinja2')
+    page = tmp_path / 'page.html'
+    outputs = '--tum', str(trajectory), '--report', str(page)
+    code, error = replay(two_rounds, tmp_path / 'none.db', *ONLINE, *outputs)
     assert code == 1 and 'no accepted place has a pose; build the map with --odom' in error
+    assert page.exists()
 
 
 def test_preloaded_never_writes(two_rounds, tmp_path, replay):
