@@ -17,7 +17,13 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **more: Any) -> None:
         super().__init__(allow_abbrev=False, **more)
-        self.register('type', Path, lambda text: Path(local(text)))
+        self.register('type', Path, _path)
+
+
+def _path(text: str) -> Path:
+    if not text:  # a variable of the shell that is not set; Path('') is the working folder
+        raise argparse.ArgumentTypeError("'' names no file")
+    return Path(local(text))
 
 
 def refuse_foreign(words: Iterable[str]) -> None:

@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import resource
+import shlex
 import signal
 import subprocess
 import sys
@@ -153,11 +154,18 @@ def test_without_a_command_all_of_them_are_listed(capsys):
 
 
 @pytest.mark.parametrize(
-    ('words', 'code'), [('--version', 0), ('replay --no-such-option', 2), ('no-such-command', 2)]
+    ('words', 'code'),
+    [
+        ('--version', 0),
+        ('replay --no-such-option', 2),
+        ('no-such-command', 2),
+        ("build-map '' new.db", 2),
+        ('replay drive --map m.db --output=', 2),
+    ],
 )
 def test_wrong_usage_has_an_exit_code_of_its_own(words, code, capsys):
     with pytest.raises(SystemExit) as ended:
-        main(words.split())
+        main(shlex.split(words))
     assert ended.value.code == code and 'Traceback' not in capsys.readouterr().err
 
 

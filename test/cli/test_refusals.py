@@ -48,7 +48,6 @@ CASES = [
     (f'{REPLAY} --report other.db', '--report: other.db', PAGE),
     (f'{REPLAY} --tum r.csv --output r.csv', '--output: r.csv', ANOTHER),
     (f'{REPLAY} --report r.html --output r.html', '--output: r.html', ANOTHER),
-    (f'{REPLAY} --output=', '--output: .', 'is a folder; name a file'),
     (f'{REPLAY} --output pipe', '--output: pipe', NO_FILE),
     (f'{REPLAY} --output=no\x00ne', r'--output: no\x00ne', 'embedded null byte'),
     (f'{REPLAY} --tum no\x07ne/x.tum', r'--tum: no\x07ne/x.tum', r'folder {here}/no\x07ne; make'),
