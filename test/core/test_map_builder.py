@@ -97,7 +97,7 @@ def test_a_map_that_is_there_is_not_replaced(path, tmp_path, image):
     before = dump(path)
     with pytest.raises(MapError, match='exists already'):
         build_map(drive(image), path, SMALL)
-    with pytest.raises(MapError, match='no such map'):
+    with pytest.raises(MapError, match='no such map to add to; make one with'):
         MapBuilder(tmp_path / 'none.db', SMALL, append=True)
     assert dump(path) == before
 

@@ -56,7 +56,8 @@ class MapWriter:
         # Rows of links, and keyframes, of the source that are written already.
         self._path, self.linked, self.trailed = path, 0, 0
         if append and not path.is_file():
-            raise MapError(f'{path}: no such map to add to; leave out --append to make it')
+            remedy = f'make one with `convseq build-map RECORDING {path}`'
+            raise MapError(f'{path}: no such map to add to; {remedy}')
         with as_map_error(path):
             self._database = open_to_write(path)
             try:
