@@ -2,7 +2,7 @@
 # make test               all that CI runs
 # make demo-slam          odometry, loop closures and false ones into a pose graph, live
 # make results [DATA=folder-of-data-sets] [SETS='corridor own.yaml']   measure, write docs/RESULTS.md
-# make claims [DATA=folder] [REAL=folder]   measure the figures of README again, and compare: an hour
+# make claims [DATA=folder] [REAL=folder] [DBOW2=clone]   measure the figures of README again, and compare: an hour
 # make bench              measure speed, write docs/PERFORMANCE.md and docs/performance.json
 # make coverage          which lines the tests reach, in htmlcov/
 # make docs              build the documentation into site/; warnings are errors
@@ -65,7 +65,8 @@ results: .venv/bench.stamp
 	.venv/bin/python docs/make_results.py $(SETS) $(if $(DATA),--data-root '$(DATA)')
 
 claims: .venv/bench.stamp
-	.venv/bin/python scripts/claims.py $(if $(DATA),--data '$(DATA)') $(if $(REAL),--real '$(REAL)')
+	.venv/bin/python scripts/claims.py $(if $(DATA),--data '$(DATA)') $(if $(REAL),--real '$(REAL)') \
+	$(if $(DBOW2),--dbow2 '$(DBOW2)')
 
 bench: .venv/bench.stamp
 	.venv/bin/python -m bench --page

@@ -3,11 +3,12 @@
 """
 Measure the figures of README again, and compare what is told with what is measured.
 
-Usage: make claims [DATA=FOLDER] [REAL=FOLDER], or python scripts/claims.py [--data FOLDER]
-[--real FOLDER] [--places PLACE...], about an hour on two cores. It reads what
-README tells; --real has the drives of real_drives.py. A figure whose images or peer are not there
-is skipped, with the reason, and so are times, which depend on the machine. Exit code 1 if one does
-not hold; a peer that finds less here, as SIFT does on some processors, is told but no failure.
+Usage: make claims [DATA=FOLDER] [REAL=FOLDER] [DBOW2=CLONE], or python scripts/claims.py
+[--data FOLDER] [--real FOLDER] [--places PLACE...] [--dbow2 CLONE], about an hour on two cores. It
+reads what README tells; --real has the drives of real_drives.py, --dbow2 what `git clone` makes of
+DBoW2. A figure whose images or peer are not there is skipped, with the reason, and so are times,
+which depend on the machine. Exit code 1 if one does not hold; a peer that finds less here, as SIFT
+does on some processors, is told but no failure.
 """
 
 from argparse import Namespace
@@ -39,6 +40,7 @@ WITHIN = 1.0  # percent: two images of 200
 FEW = {'RTAB-Map': 100 / 44}  # ... or one of the images whose place is known, if they are few
 ROUNDED = 0.5  # percent, in the table of places
 NOT_OURS = 'others measured it'
+NO_DBOW2 = 'needs --dbow2 CLONE, of https://github.com/dorian3d/DBoW2'
 NO_HBST = '' if find_spec('pyhbst') else 'pyhbst is not installed, which is for x86-64'
 ALONE = {'OPENBLAS_NUM_THREADS': '1', 'OPENCV_FOR_THREADS_NUM': '1'}
 
@@ -139,13 +141,14 @@ def of_place(line: str, titles: Sequence[str], chosen: Namespace) -> list[Claim]
     """Return the claims of a row of the table of places."""
     place, _, own, *best = cells(line)
     methods, reason, tables = titles[3:], '', dict[str, dict[str, str]]()
+    absent = {'HBST': NO_HBST, 'ORB': '' if chosen.dbow2 else NO_DBOW2}
     if place not in chosen.places:
         reason = 'not asked for'
     else:
         where = '--data', str(chosen.data), *(('--real', str(chosen.real)) * bool(chosen.real))
-        quick = [name for name in methods if not (name == 'HBST' and NO_HBST)]
-        asked = '--places', place, '--methods', *quick
-        printed = output_of(str(HERE / 'peers.py'), *where, *asked).strip()
+        asked = '--places', place, '--methods', *(name for name in methods if not absent.get(name))
+        script = ('dbow2.py', str(chosen.dbow2)) if chosen.dbow2 else ('peers.py',)
+        printed = output_of(f'{HERE / script[0]}', *script[1:], *where, *asked).strip()
         for table in printed.split('\n\n') if printed else ():
             columns, _, *rows = map(cells, table.splitlines())
             for one in rows:
@@ -161,7 +164,7 @@ def of_place(line: str, titles: Sequence[str], chosen: Namespace) -> list[Claim]
     ]
     for method, told in zip(methods, best, strict=True):
         if told:
-            why = reason or (NO_HBST if method == 'HBST' else '')
+            why = reason or absent.get(method, '')
             share = parts(found[method])[0] if method in found else None
             is_peer = method != 'ours'
             claims.append(Claim(f'{place}, {method}', float(told), share, why, within, is_peer))
@@ -190,7 +193,7 @@ def claims(chosen: Namespace, pool: ThreadPoolExecutor) -> Iterator[Claim]:
 def main() -> int:
     """Measure and print; 1 if a figure does not hold."""
     data = HERE.parents[1] / 'shared' / 'data'
-    chosen = options(__doc__, data=data, real=None, places=(*RIGHT,))
+    chosen = options(__doc__, data=data, real=None, places=(*RIGHT,), dbow2=None)
     pool, hold = ThreadPoolExecutor(len(os.sched_getaffinity(0))), list[bool]()
     head('figure', 'README', 'measured', 'verdict')
     try:
