@@ -4,7 +4,6 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Self
 
@@ -147,8 +146,8 @@ def build_map(
 
 def not_linked(unlinked: ReferenceMap) -> list[range]:
     """Return the places of each session with places not looked up yet."""
-    links, ends = unlinked.links, pairwise([*unlinked.bounds.starts.tolist(), len(unlinked)])
-    return [range(*both) for both in ends if not all(map(links.is_looked_up, range(*both)))]
+    known = unlinked.links.is_looked_up
+    return [places for places in unlinked.session_ranges if not all(map(known, places))]
 
 
 def link_map(unlinked: ReferenceMap, config: Config = Config()) -> Iterator[int]:

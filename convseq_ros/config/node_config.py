@@ -50,8 +50,8 @@ class NodeConfig(Checked):
     )
     map_frame: str = parameter('map', 'TF frame of the poses in the map.', is_frame=True)
     position_sigma_m: float = parameter(
-        0.5, 'Standard deviation of positions in the map; that of convseq map link tells its own, '
-        'and the larger one counts.',
+        0.5, 'Standard deviation of positions in the map; a map that convseq map link -o made '
+        'brings its own, and the larger one counts.',
         unit='m', low=0.0, high=1000.0, dynamic=True,
     )
     heading_sigma_rad: float = 0.1  # the same for headings

@@ -28,8 +28,8 @@ class Query:
     barred: Sequence[range] = ()  # places that may not be matched, since another lens took them
 
     def may_match(self, place: int) -> bool:
-        """Return whether a place may be matched."""
-        return place < self.usable and not any(place in part for part in self.barred)
+        """Return whether no other lens took a place."""
+        return not any(place in part for part in self.barred)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,6 @@ images of a wider lens are cut, and those of a narrower one stand in the middle,
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 import math
 
 from convseq_ros.config import EncodingConfig, RobotConfig
@@ -155,13 +154,12 @@ class MapView:
 
     def _of_other_lenses(self, field: float) -> list[range]:
         """Return the places of sessions whose lens has another field of view, in radians."""
-        places, sessions = self._map.places, self._map.sessions
         barred = []
-        for start, end in pairwise([*self._map.bounds.starts.tolist(), len(places)]):
-            camera = sessions[places[start].session].camera if start < end else None
+        for span in self._map.session_ranges:
+            camera = self._map.sessions[self._map.places[span.start].session].camera
             other = self._fields.get(camera, math.nan) if camera else math.nan
             if other > 0 and _ratio(other, field) > VIEW.alike:
-                barred.append(range(start, end))
+                barred.append(span)
         return barred
 
 

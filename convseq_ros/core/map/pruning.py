@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which stretches of drives are removed where a map has too many of one place."""
 
-from itertools import chain, pairwise
+from itertools import chain
 
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -38,8 +38,8 @@ class Pruning:
         self.surplus = list[int]()  # indices of places to remove, ascending
         if not most or not len(reference_map.links):
             return
-        for start, end in pairwise([*reference_map.bounds.starts.tolist(), len(reference_map)]):
-            for stretch in range(start, end, STRETCH.keyframes):
+        for places in reference_map.session_ranges:
+            for stretch in places[:: STRETCH.keyframes]:
                 first = {place: self._first(place) for place in self._places(stretch)}
                 known = [place for place in first if first[place] < stretch]
                 if 2 * len(known) > len(first):  # else most of the stretch is new

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from threading import Lock
 from typing import Any
 from uuid import uuid4
@@ -76,6 +77,12 @@ class ReferenceMap:
 
     def __len__(self) -> int:
         return len(self.places)
+
+    @property
+    def session_ranges(self) -> list[range]:
+        """The places of each session that has some, in order."""
+        edges = pairwise([*self.bounds.starts.tolist(), len(self)])
+        return [range(start, end) for start, end in edges if start < end]
 
     @property
     def is_linked(self) -> bool:

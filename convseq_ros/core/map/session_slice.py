@@ -4,7 +4,6 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 
 from convseq_ros.core.graph.links import chained, Links
@@ -36,13 +35,12 @@ def slices_of(path: Path, opened: ReferenceMap | None = None) -> list[SessionSli
     `opened` is the map, if it is open already; else MapError as of `open_map`.
     """
     reference_map, slices = open_map(path) if opened is None else opened, []
-    for start, end in pairwise([*reference_map.bounds.starts.tolist(), len(reference_map)]):
-        if start < end:
-            number, count = reference_map.places[start].session, len(reference_map.sessions)
-            session = reference_map.sessions[number]
-            default_name = path.stem if count == 1 else f'{path.stem}-{number + 1}'
-            session = replace(session, name=session.name or default_name)
-            slices.append(SessionSlice(path, reference_map, number, session, range(start, end)))
+    for places in reference_map.session_ranges:
+        number, count = reference_map.places[places.start].session, len(reference_map.sessions)
+        session = reference_map.sessions[number]
+        default_name = path.stem if count == 1 else f'{path.stem}-{number + 1}'
+        session = replace(session, name=session.name or default_name)
+        slices.append(SessionSlice(path, reference_map, number, session, places))
     return slices
 
 
