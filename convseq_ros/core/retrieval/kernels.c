@@ -4,7 +4,7 @@
 
 enum {
     ABREAST = 4, // rows at a time: what waits for one sum adds to another
-    AHEAD = 8192, // bytes that memory is asked for before they are needed
+    AHEAD = 2048, // bytes that memory is asked for before they are needed
 };
 
 // Add 16 products to 16 sums.
