@@ -1,4 +1,4 @@
-# make demo              from a fresh clone to a picture
+# make demo              from a fresh clone to a page
 # make test               all that CI runs
 # make demo-slam          odometry, loop closures and false ones into a pose graph, live
 # make results [DATA=folder-of-data-sets] [SETS='corridor own.yaml']   measure, write docs/RESULTS.md

@@ -94,7 +94,7 @@ setup(
     extras_require={
         # The unversioned wheel `ros-rclpy` would be a newer ROS than Jazzy.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-        # page of `convseq replay --report`, picture of `convseq demo`
+        # pages of `convseq replay --report` and `convseq demo`
         'plot': ['jinja2>=3.1', 'matplotlib>=3.6'],
         # convseq evaluate; scikit-image is for the method hog
         'evaluation': [

@@ -27,7 +27,7 @@ COMMANDS = {
     'map': 'link, merge or split maps; remove or rename their sessions',
     'fleet': 'build a map of each recording in a folder, in parallel',
     'evaluate': 'measure methods on data sets with known truth',
-    'demo': 'drive a street twice: map, live node, table and picture',
+    'demo': 'drive a street twice: map, live node, table and page',
     'report': 'put the results of several evaluations in one table',
     'config': 'print every parameter with its default, ready to edit',
 }

@@ -14,21 +14,22 @@ from convseq_ros.cli.build_map import build
 from convseq_ros.cli.demo_slam import run_slam
 from convseq_ros.cli.processes import CAMERA_INFO, ODOM, recognise_live
 from convseq_ros.cli.replay import opened, replay
+from convseq_ros.cli.replay_report import ReplayReport
 from convseq_ros.config import Config
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.errors import ConvseqError
-from convseq_ros.evaluation.plots import demo_picture, TOLERANCE
 from convseq_ros.io.results import read_results
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
-from convseq_ros.sources import open_annotated, open_source
+from convseq_ros.sources import open_annotated
 import numpy as np
 import numpy.typing as npt
 
 Numbers = npt.NDArray[np.int64]
 Rows = Sequence[dict[str, str]]  # of a result table
 _MARKER = '.convseq-demo'
+_TOLERANCE = 2  # of a match, in references
 _COMPARED = (
     'sequence_length', 'best_index', 'best_score', 'reference_index', 'reason', 'relative_yaw_rad',
 )  # fmt: skip
@@ -57,13 +58,10 @@ def run(chosen: argparse.Namespace) -> int:
 
     _say('replaying the second drive offline')
     source = open_annotated(folder / 'second', '', ODOM, CAMERA_INFO)
-    reference_map = open_map(map_path)
-    cameras = Cameras(reference_map, Config())
-    scores = np.full((len(source), len(reference_map)), np.nan, np.float32)
+    cameras, report = Cameras(open_map(map_path), Config()), ReplayReport()
     with opened(folder / 'offline.csv') as write:
-        for match, _ in replay(source, cameras, write):
-            if cameras.first.pair_scores is not None:
-                scores[match.query_index] = cameras.first.pair_scores
+        frames = len([*replay(source, cameras, write, report.add)])
+    report.write(folder / 'demo.html', _CAPTION, cameras.first)
     offline = read_results(folder / 'offline.csv')
 
     median_ms = statistics.median(float(row['duration_ms']) for row in offline)
@@ -72,13 +70,12 @@ def run(chosen: argparse.Namespace) -> int:
     position = {row['query_stamp_ns']: row['query_index'] for row in offline}
     live = [
         row | {'query_index': position[row['query_stamp_ns']]}
-        for row in recognise_live(folder / 'second', len(source), map_path, folder, rate)
+        for row in recognise_live(folder / 'second', frames, map_path, folder, rate)
     ]
 
     print(f'\n{_CAPTION}\n')
     print(_table(live, offline, truth))
-    _draw(folder, live, scores, truth)
-    print(f'\nresults  {folder / "live.csv"}\npicture  {folder / "demo.png"}')
+    print(f'\nresults  {folder / "live.csv"}\npage     {folder / "demo.html"}')
     return 0
 
 
@@ -131,9 +128,9 @@ def _column(rows: Rows, truth: Numbers) -> dict[str, str]:
         'frames': str(len(rows)),
         'frames dropped': str(len(truth) - len(rows)),
         'with a best match': str(len(matched)),
-        f'best match within +-{TOLERANCE}': _share(matched, truth),
+        f'best match within +-{_TOLERANCE}': _share(matched, truth),
         'accepted': str(len(accepted)),
-        f'accepted match within +-{TOLERANCE}': _share(accepted, truth),
+        f'accepted match within +-{_TOLERANCE}': _share(accepted, truth),
         'k: frames with the evidence': (
             f'{statistics.fmean(lengths):.1f} ({min(lengths)}-{max(lengths)})' if lengths else '-'
         ),
@@ -146,24 +143,7 @@ def _share(rows: Rows, truth: Numbers) -> str:
 
 
 def _right(row: dict[str, str], truth: Numbers) -> bool:
-    return abs(int(row['best_index']) - int(truth[int(row['query_index'])])) <= TOLERANCE
-
-
-def _draw(folder: Path, live: Rows, scores: npt.NDArray[np.float32], truth: Numbers) -> None:
-    matched = np.full(len(scores), -1, np.int64)
-    accepted = [row for row in live if row['reference_index']]
-    for row in accepted:
-        matched[int(row['query_index'])] = int(row['reference_index'])
-    queries, references = (
-        [np.asarray(frame.gray, np.uint8) for frame in open_source(folder / name)]
-        for name in ('second', 'first')
-    )
-    pictures = []
-    for row in accepted[:: max(1, len(accepted) // 3)][:3]:
-        query, place = int(row['query_index']), int(row['reference_index'])
-        captions = f'query {query}', f'reference {place}'
-        pictures.append((queries[query], references[place], *captions, _right(row, truth)))
-    demo_picture(folder / 'demo.png', pictures, scores, truth, matched, _CAPTION)
+    return abs(int(row['best_index']) - int(truth[int(row['query_index'])])) <= _TOLERANCE
 
 
 def _say(what: str) -> None:

@@ -99,13 +99,8 @@ def _replayed(chosen: argparse.Namespace, pipeline: Pipeline) -> dict[str, Any]:
     poses = list[tuple[int, Pose]]()
     report = ReplayReport() if chosen.report else None
     with opened(chosen.output) as write:
-
-        def listen(*answer: Any) -> None:
-            write(*answer)
-            if report:
-                report.add(*answer)
-
-        for match, duration_ms in replay(source, cameras, listen):
+        listeners = [write, report.add] if report else [write]
+        for match, duration_ms in replay(source, cameras, *listeners):
             if match.pose:
                 poses.append((match.query_stamp_ns, match.pose.pose))
             matches.append(match)
@@ -164,15 +159,18 @@ def _save(pipeline: Pipeline) -> None:
         warn(str(error))
 
 
-def replay(source: Source, cameras: Cameras, write: Listener) -> Iterator[tuple[Match, float]]:
-    """Write and yield the match of every frame with the time that it took, in milliseconds."""
+def replay(
+    source: Source, cameras: Cameras, *listeners: Listener
+) -> Iterator[tuple[Match, float]]:
+    """Tell and yield the match of every frame with the time that it took, in milliseconds."""
     for frame in progress(source, len(source), source.name):
         started = time.perf_counter()
         match = cameras.process(frame)
         if match.reason is Reason.UNREADABLE:
             warn(f'frame {match.query_index}: {frame.problem}')
         duration_ms = (time.perf_counter() - started) * 1e3
-        write(frame, match, cameras.of(frame.source), duration_ms)
+        for tell in listeners:
+            tell(frame, match, cameras.of(frame.source), duration_ms)
         yield match, duration_ms
 
 

@@ -1,22 +1,18 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures by matplotlib, which is imported only to draw one, and the picture of the demo."""
+"""Figures by matplotlib, which is imported only to draw one."""
 
-from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from convseq_ros.errors import load
 from convseq_ros.io.regular_file import complete_or_absent, MARK
-import cv2
 import numpy as np
 import numpy.typing as npt
 
-Image: TypeAlias = npt.NDArray[np.uint8]
 Scores: TypeAlias = npt.NDArray[np.float32]  # (Q, R), NaN where nothing was scored
 Numbers: TypeAlias = npt.NDArray[np.int_]
-Pair: TypeAlias = tuple[Image, Image, str, str, bool]
 _METADATA = {
     'png': {'Comment': MARK},
     'svg': {'Description': MARK, 'Date': None},
@@ -25,10 +21,7 @@ _METADATA = {
 NIGHT = ('#0b1622', '#123350', '#1f5f8b', '#5fa3cf', '#dcecf8')  # from low to high scores
 UNSCORED = '#4c4c4c'
 EDGE = '#0f1720'
-_PALE, _DIM = '#e8eef4', '#9fb0c0'
 VERDICT_COLORS = {'right': '#4ade80', 'wrong': '#ff6b6b', 'rejected': '#f5bd4f'}
-MOST_PAIRS = 4
-TOLERANCE = 2  # of a match of the demo, in references
 MOST_CELLS = 320
 MOST_DOTS = 1500
 DENSE = 500  # from this count on, dots have no edge, which would hide other dots
@@ -121,44 +114,3 @@ def reduced(values: Scores) -> Scores:
             starts = np.arange(0, values.shape[axis], block)
             values = np.fmax.reduceat(values, starts, axis=axis)
     return values
-
-
-def demo_picture(
-    path: Path, pairs: Sequence[Pair], scores: Scores, truth: Numbers, matched: Numbers, title: str
-) -> None:
-    """
-    Draw a PNG, 1600 x 900: matched pairs beside the score matrix.
-
-    A pair is two images, BGR or gray, their captions, and whether the match is right. `truth` and
-    `matched` (Q,) are the right and the accepted references, -1 for none.
-    """
-    figure = new_figure(16, 9, EDGE)
-    heading = figure.text(0.03, 0.945, title, color=_PALE, weight='bold', size=22, va='center')
-    heading.set_size(min(22, 22 * 1504 / heading.get_window_extent().width))
-    left = 0.46 if pairs else 0.08
-    sides = {'left': 0.03, 'right': 0.4, 'bottom': 0.05, 'top': 0.88, 'wspace': 0.03}
-    grid = figure.add_gridspec(max(3, len(pairs[:MOST_PAIRS])), 2, **sides)
-    for row, (*images, query, match, right) in enumerate(pairs[:MOST_PAIRS]):
-        for column, (image, caption) in enumerate(zip(images, (query, match), strict=True)):
-            axes = figure.add_subplot(grid[row, column], anchor='N')
-            rgb = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
-            axes.imshow(rgb, interpolation='antialiased')
-            axes.set(xticks=[], yticks=[])
-            axes.spines[:].set_color(VERDICT_COLORS['right' if right else 'wrong'])
-            axes.spines[:].set_linewidth(3)
-            axes.set_xlabel(caption, color=_DIM, fontsize=12, loc='left', labelpad=5)
-    axes = figure.add_axes((left, 0.1, 0.97 - left, 0.77), facecolor=EDGE)
-    show_scores(axes, scores)
-    line = np.where(truth >= 0, truth, np.nan)
-    axes.plot(line, np.arange(len(truth)), color='white', linewidth=1.2, label='truth')
-    queries = np.flatnonzero(matched >= 0)
-    matches = np.stack((queries, matched[queries]), 1)
-    close = (truth[queries] >= 0) & (abs(matched[queries] - truth[queries]) <= TOLERANCE)
-    show_matches(axes, matches, np.where(close, 'right', 'wrong'), size=4.5)
-    axes.set_xlabel('reference', color=_PALE, fontsize=14)
-    axes.set_ylabel('query', color=_PALE, fontsize=14)
-    axes.tick_params(colors=_DIM, labelsize=11)
-    axes.spines[:].set_color(_DIM)
-    place = {'loc': 'lower left', 'bbox_to_anchor': (0, 1.005), 'ncols': 4, 'borderaxespad': 0}
-    axes.legend(frameon=False, fontsize=12, labelcolor=_PALE, markerscale=1.6, **place)
-    save(figure, path)

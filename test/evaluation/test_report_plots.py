@@ -1,13 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of the demo, the report and ~/debug_image."""
+"""The pictures of the report and of ~/debug_image."""
 
 from convseq_ros.app.match_picture import match_picture
 from convseq_ros.core.map.image_coding import thumbnail
 from convseq_ros.core.types import Candidate, Frame, Match, Reason
-from convseq_ros.evaluation import plots
 from convseq_ros.evaluation.plots import reduced
-import cv2
 import numpy as np
 import pytest
 
@@ -15,14 +13,6 @@ import pytest
 @pytest.fixture(autouse=True)
 def drawing():
     pytest.importorskip('matplotlib')
-
-
-def test_demo_picture_bears_unknown_scores_and_a_long_title(tmp_path):
-    scores, truth = np.full((30, 40), np.nan, np.float32), np.full(30, -1)
-    picture = np.full((90, 160), 99, np.uint8)
-    pairs = [(picture, picture, 'query 5', 'map 6', True)]
-    plots.demo_picture(tmp_path / 'a.png', pairs, scores, truth, truth, 'word ' * 60)
-    assert cv2.imread(str(tmp_path / 'a.png')).shape == (900, 1600, 3)
 
 
 def test_a_large_matrix_is_reduced_and_keeps_its_thin_path():
