@@ -23,7 +23,7 @@ from convseq_ros.config.reading_config import add_reading, chosen_reading
 from convseq_ros.core.compiled import library
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.map.reader import open_map, stored_facts
+from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import as_parameter
 from convseq_ros.core.types import Camera
@@ -80,7 +80,7 @@ def run(chosen: argparse.Namespace) -> int:
         print(json.dumps(facts) if chosen.json else '\n'.join(recording_lines(facts)))
         return 0
     opened = open_map(file)
-    about = {'map': str(file), 'format': FORMAT_VERSION, **stored_facts(file)}
+    about = {'map': str(file), 'format': FORMAT_VERSION, **MapReader(file).about()}
     facts = about | describe_map(file, opened)
     if opened.encoding.descriptor_model:
         numbers, size = opened.global_descriptors.shape[1], opened.global_descriptors.nbytes

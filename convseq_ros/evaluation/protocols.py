@@ -29,6 +29,7 @@ from convseq_ros.evaluation.query_answers import (
     Scores,
     Span,
 )
+from convseq_ros.evaluation.truth import is_past
 import numpy as np
 import numpy.typing as npt
 
@@ -74,7 +75,8 @@ def run_protocol(
         pairs = method.rows(material)
         rows = pairs.scores
         if protocol == ONLINE:
-            rows = _past_only(rows, max(1, material.data_set.exclude_recent))
+            past = is_past(len(rows), material.data_set.exclude_recent)
+            rows = np.where(past, rows, np.nan).astype(rows.dtype)
         answers = [_of_part(material, method, pairs, rows, span) for span in spans.values()]
     rights = []
     for first, last in spans.values():
@@ -144,9 +146,3 @@ def _frame_ms(answers: Sequence[QueryAnswers], pairs: PairScores, protocol: str)
         return pairs.encode_ms + pairs.row_ms
     # With a part of the map removed, the durations do not include the encoding.
     return float(np.median(durations)) + (pairs.encode_ms or 0.0) * (protocol == OPEN)
-
-
-def _past_only(scores: Scores, past: int) -> Scores:
-    """Return scores (Q, Q) of a drive with itself, NaN within the last `past` frames."""
-    index = np.arange(len(scores))
-    return np.where(index[None] <= index[:, None] - past, scores, np.nan).astype(scores.dtype)

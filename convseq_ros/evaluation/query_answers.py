@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 import time
 
 from convseq_ros.config import Config, flatten, with_values
@@ -11,7 +12,7 @@ from convseq_ros.config.parameter import Value
 from convseq_ros.core import types
 from convseq_ros.core.decision.decider import candidate
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.session_slice import carry_links
+from convseq_ros.core.map.session_slice import joined, slices_of
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.evaluation.material import Material
 from convseq_ros.models.onnx_model import open_model
@@ -40,15 +41,9 @@ def overridden(config: Config, values: Mapping[str, Value]) -> Config:
 
 
 def part_of(source: ReferenceMap, first: int, last: int) -> ReferenceMap:
-    """Return a map of the references from `first` up to, not including, `last`, with links."""
-    part = ReferenceMap(source.encoding, keyframes=source.keyframes, sessions=source.sessions)
-    for index in range(first, last):
-        vector = source.global_descriptors[index] if source.encoding.descriptor_model else None
-        (kept,) = source.pictures([index])
-        place, shown = source.places[index], (kept.packed, kept.thumbnail)
-        part.add(place, *shown, descriptor=vector, keypoints=kept.keypoints)
-    carry_links([(source, index) for index in range(first, last)], part.links)
-    return part
+    """Return a map of a drive's references from `first` up to, not including, `last`."""
+    (drive,) = slices_of(Path(), source)
+    return joined([replace(drive, places=range(first, last))])
 
 
 def alone(recognizer: PlaceRecognizer, match: types.Match) -> types.Match:

@@ -84,10 +84,13 @@ def within_radius(queries: Metres, references: Metres, radius_m: float) -> Truth
 
 def past_only(truth: Truth, exclude_recent: int) -> Truth:
     """Return the truth of a drive against its own past, without the latest frames."""
-    index = np.arange(len(truth.right))
-    return Truth(
-        truth.right & (index[None] <= index[:, None] - max(1, exclude_recent)), truth.tolerance
-    )
+    return Truth(truth.right & is_past(len(truth.right), exclude_recent), truth.tolerance)
+
+
+def is_past(count: int, exclude_recent: int) -> Flags:
+    """Return which frames of a drive, by column, may match each one, by row: flags (Q, Q)."""
+    index = np.arange(count)
+    return np.asarray(index[None] <= index[:, None] - max(1, exclude_recent))
 
 
 def _widened(right: Flags, frames: int) -> Flags:

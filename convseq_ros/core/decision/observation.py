@@ -22,7 +22,6 @@ from convseq_ros.core.decision.likelihood import (
     COPIES,
     Evidence,
     gain_of,
-    Leads,
     Likelihood,
     strength_of,
     unverified,
@@ -41,7 +40,6 @@ class Observation:
     log_ratios: Doubles  # (n,)
     verified: Mapping[int, Verification]  # by place
     has_rivals: bool  # whether there are enough controls to accept a match
-    leads: Leads | None = None  # of the verified places, ascending
     asked: Mapping[int, KeypointRatio] = field(default_factory=dict)  # by place
     keypoints: Doubles | None = None  # (6, n), their ratios by state; None if they are not asked
 
@@ -103,7 +101,7 @@ class Observer:
         log_ratios = np.full(len(places), unverified())
         log_ratios[at] = self._likelihood.log_ratios(evidence)
         by_state = keypoints if asked else None
-        return Observation(places, log_ratios, verified, has_rivals, leads, asked, by_state)
+        return Observation(places, log_ratios, verified, has_rivals, asked, by_state)
 
     def _expected(self, query: Query, belief: Belief, best: int) -> tuple[float, float]:
         """Return how far the belief, and how far chance expects the strongest place there."""

@@ -133,6 +133,20 @@ def visible_cells(mask: str, side: int) -> Flags:
     return visible
 
 
+def mask_of(visible: Flags) -> str:
+    """Return the mask of an encoding that shows cells (S, S); empty if it shows all."""
+    return '' if visible.all() else f'#{np.packbits(visible).tobytes().hex()}'
+
+
+def whole_cells(shown: Flags) -> Flags:
+    """Return which cells (S, S) a square image shows entirely, and 2 px around, by its pixels."""
+    around = np.ones((2 * HOG.margin_px + 1,) * 2, np.uint8)
+    whole = cv2.erode(shown.astype(np.uint8), around, borderValue=1)
+    side = len(whole) // HOG.cell_px
+    cells: Flags = whole.reshape(side, HOG.cell_px, side, -1).all(axis=(1, 3))
+    return cells
+
+
 def salient_regions(cells: Doubles, threshold: float) -> Flags:
     """Return which 2 x 2 cells, ((S - 1) ** 2,), reach a mean share of 8 bits, the paper's ET."""
     regions = (cells[:-1, :-1] + cells[:-1, 1:] + cells[1:, :-1] + cells[1:, 1:]) / 4

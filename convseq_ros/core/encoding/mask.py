@@ -5,7 +5,7 @@
 from dataclasses import replace
 
 from convseq_ros.config import Config, EncodingConfig
-from convseq_ros.core.encoding.descriptor import HOG
+from convseq_ros.core.encoding.descriptor import mask_of, whole_cells
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.types import Gray
 from convseq_ros.errors import ConfigError
@@ -30,15 +30,12 @@ def masked(config: Config, picture: Gray | None) -> Config:
     turned = np.rot90(picture, encoding.image_rotation_deg // 90)
     side = encoding.image_size_px
     square = cv2.resize(np.ascontiguousarray(turned), (side, side), interpolation=cv2.INTER_AREA)
-    reach = np.ones((2 * HOG.margin_px + 1,) * 2, np.uint8)
-    white = cv2.erode((square >= _WHITE).astype(np.uint8), reach)
-    visible = white.reshape(side // HOG.cell_px, HOG.cell_px, -1, HOG.cell_px).all(axis=(1, 3))
+    visible = whole_cells(square >= _WHITE)
     regions = cv2.erode(visible.astype(np.uint8), np.ones((REGION.span,) * 2), borderValue=0)
     if not regions.any():
         hides = f'{encoding.image_mask} hides everything; white is what the camera sees'
         raise ConfigError(f'image_mask: {hides}')
-    stored = '' if visible.all() else f'#{np.packbits(visible).tobytes().hex()}'
-    return replace(config, encoding=replace(encoding, image_mask=stored))
+    return replace(config, encoding=replace(encoding, image_mask=mask_of(visible)))
 
 
 def without_path(encoding: EncodingConfig) -> EncodingConfig:

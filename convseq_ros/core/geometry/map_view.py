@@ -12,7 +12,13 @@ from dataclasses import dataclass, replace
 import math
 
 from convseq_ros.config import EncodingConfig, RobotConfig
-from convseq_ros.core.encoding.descriptor import cell_shape, HOG, visible_cells
+from convseq_ros.core.encoding.descriptor import (
+    cell_shape,
+    HOG,
+    mask_of,
+    visible_cells,
+    whole_cells,
+)
 from convseq_ros.core.geometry.lens import is_usable, pixels, rays_through
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
@@ -191,10 +197,12 @@ def _made(camera: Camera, lens: Camera, encoding: EncodingConfig, side: int) -> 
     # Beyond the field of a lens its distortion may fold back.
     off = abs(rays_through(given, shares) - rays) / VIEW.error
     seen: Flags = np.all(np.maximum(off, abs(2 * shares - 1)) <= 1, axis=1).reshape(size[::-1])
-    visible = _cells(seen, side) & visible_cells(encoding.image_mask, side)
-    mask = '' if visible.all() else f'#{np.packbits(visible).tobytes().hex()}'
+    square = cv2.resize(
+        seen.astype(np.uint8), (side * HOG.cell_px,) * 2, interpolation=cv2.INTER_NEAREST
+    )
+    visible = whole_cells(square > 0) & visible_cells(encoding.image_mask, side)
     places = np.nan_to_num(at, nan=-1.0).reshape(*size[::-1], 2).astype(np.float32)
-    return View(there, given, places, replace(encoding, image_mask=mask)), visible
+    return View(there, given, places, replace(encoding, image_mask=mask_of(visible))), visible
 
 
 def _scaled(camera: Camera, scale: float) -> Camera:
@@ -211,13 +219,3 @@ def _scaled(camera: Camera, scale: float) -> Camera:
         cx_px=across * (camera.cx_px + 0.5) - 0.5,
         cy_px=down * (camera.cy_px + 0.5) - 0.5,
     )
-
-
-def _cells(seen: Flags, side: int) -> Flags:
-    """Return which cells (S, S) an image shows entirely, by its pixels (H, W)."""
-    square = cv2.resize(
-        seen.astype(np.uint8), (side * HOG.cell_px,) * 2, interpolation=cv2.INTER_NEAREST
-    )
-    whole = cv2.erode(square, np.ones((2 * HOG.margin_px + 1,) * 2, np.uint8), borderValue=1)
-    cells: Flags = whole.reshape(side, HOG.cell_px, side, -1).all(axis=(1, 3))
-    return cells

@@ -77,11 +77,6 @@ def map_id_of(path: Path) -> str:
     return MapReader(path).settings.map_id
 
 
-def stored_facts(path: Path) -> dict[str, Any]:
-    """Return the rows of `about`, and the numbers of thumbnails, keypoints and images."""
-    return MapReader(path).about()
-
-
 class MapReader:
     """
     A map file that is open for reading, for `open_map` and `Appender`; any thread may read.
