@@ -18,8 +18,7 @@ from convseq_ros.core.geometry.map_view import MapView, upright
 from convseq_ros.core.map.online import FollowedMap, mapping_of, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.camera_check import CameraCheck
-from convseq_ros.core.pose.estimate import with_pose
-from convseq_ros.core.pose.nearby import places_near
+from convseq_ros.core.pose.estimate import places_near, with_pose
 from convseq_ros.core.pose.relative_pose import RelativePoses, with_shift_and_yaw
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces, CoarseScores
 from convseq_ros.core.sequence.query_buffer import QueryBuffer

@@ -22,14 +22,12 @@ from convseq_ros.node.inputs.frame_context import FrameContext
 from convseq_ros.node.inputs.image_subscription import image_subscriptions, QUEUE_BYTES
 from convseq_ros.node.inputs.initial_poses import InitialPoses
 from convseq_ros.node.inputs.stamps import Stamps
-from convseq_ros.node.outputs.answered import Answered
 from convseq_ros.node.outputs.counters import Counters
-from convseq_ros.node.outputs.diagnostics import Diagnostics
+from convseq_ros.node.outputs.diagnostics import Diagnostics, Situation
 from convseq_ros.node.outputs.measured_transform import MeasuredTransform
 from convseq_ros.node.outputs.progress_log import ProgressLog
-from convseq_ros.node.outputs.publishers import MatchPublishers
+from convseq_ros.node.outputs.publishers import Answered, MatchPublishers
 from convseq_ros.node.outputs.result_log import ResultLog
-from convseq_ros.node.outputs.situation import Situation
 from convseq_ros.node.qos import SERVICE_QOS
 from convseq_ros.node.running import leave, run_until_signal
 from convseq_ros.node.services.life_cycle import ManagedNode, PATIENCE_S

@@ -32,7 +32,7 @@ from convseq_ros.sources.recording import (
     Recording,
 )
 from convseq_ros.sources.recording_names import holds_recording
-from convseq_ros.sources.several_cameras import SeveralCameras
+from convseq_ros.sources.source import SeveralCameras
 from convseq_ros.sources.source import Source as Source  # public here
 from convseq_ros.sources.video import Video, VIDEO_SUFFIXES
 

@@ -12,7 +12,7 @@ from convseq_ros.core.encoding.glance import distance, GLANCE, glance
 from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.gate.gate import FrameGate
 from convseq_ros.core.gate.near_duplicate import NearDuplicate, Overlap
-from convseq_ros.core.map.scenes import Scenes
+from convseq_ros.core.map.online import Scenes
 from convseq_ros.core.similarity.coherent import extract
 from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, normalized
 from convseq_ros.core.types import Reason

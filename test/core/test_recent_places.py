@@ -10,8 +10,8 @@ from convseq_ros import Frame, PlaceRecognizer
 from convseq_ros.config import EncodingConfig, make_config, with_values
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.gate.gate import FrameGate
+from convseq_ros.core.map.online import Scenes
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.scenes import Scenes
 import cv2
 import numpy as np
 from poses import at

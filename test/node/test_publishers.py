@@ -9,8 +9,7 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match, Pose, PoseEstimate, Reason
-from convseq_ros.node.outputs.answered import Answered
-from convseq_ros.node.outputs.publishers import MatchPublishers
+from convseq_ros.node.outputs.publishers import Answered, MatchPublishers
 import numpy as np
 from pictures import scene
 import pytest

@@ -7,12 +7,11 @@ from bisect import bisect_left
 
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.first_stage import vector_of
-from convseq_ros.core.encoding.glance import Glance
+from convseq_ros.core.encoding.glance import distance, GLANCE, Glance
 from convseq_ros.core.graph.links import Links
 from convseq_ros.core.graph.trail import Keyframe
 from convseq_ros.core.map.pruning import Pruning, STRETCH
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.scenes import Scenes
 from convseq_ros.core.types import Anchor, constants, Descriptor, Frame, Match, Reason, RECOGNISED
 
 
@@ -41,6 +40,19 @@ class RECENT:
     keyframes: int = 20
     # After which a drive does not go on, here and in a pose graph; a restart takes some seconds.
     paused_ns: int = 30_000_000_000
+
+
+class Scenes:
+    """Counts scenes over a drive; noise alone makes keyframes of one scene, but no scenes."""
+
+    def __init__(self) -> None:
+        self.passed = 0
+        self._last: Glance | None = None  # of the last scene
+
+    def count(self, edges: Glance | None) -> None:
+        """Take in a keyframe; it is a new scene if its glance is far from that of the last one."""
+        if edges is None or self._last is None or distance(edges, self._last) > GLANCE.moved:
+            self.passed, self._last = self.passed + 1, edges
 
 
 class PreloadedMap:

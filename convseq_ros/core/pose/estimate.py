@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Poses in the map: the motion between its places, and where a match has the camera."""
+"""Poses in the map: between its places, of the camera at a match, and places near a pose."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -17,7 +17,16 @@ from convseq_ros.core.rigid import (
     moved_covariance,
     pose_of,
 )
-from convseq_ros.core.types import constants, Match, Pose, PoseEstimate, RelativePose, Row
+from convseq_ros.core.types import (
+    constants,
+    Doubles,
+    Indices,
+    Match,
+    Pose,
+    PoseEstimate,
+    RelativePose,
+    Row,
+)
 import numpy as np
 
 
@@ -208,3 +217,31 @@ def _as_good(places: Sequence[Place], index: int, row: Row | None) -> Iterator[i
         least = ESTIMATE.as_good * float(row[index])
         for side in _sides(places, index, len(row)):
             yield from takewhile(lambda at: float(row[at]) >= least, side)
+
+
+@constants
+class NEARBY:
+    """How near a place is; engineering, not studied."""
+
+    least_m: float = 0.5  # standard deviation that is added, or the distance between places
+    sigmas: float = 3.0  # beyond which a place is not near
+
+
+def places_near(
+    reference_map: ReferenceMap, estimate: PoseEstimate, usable: int
+) -> tuple[Indices, Doubles]:
+    """
+    Return places (n,), ascending, near a pose of the base, and their weights (n,), of sum 1.
+
+    Of the first `usable` places those with poses count, seen from above: a pose that a person sets
+    on a plan has no height.
+    """
+    positions = reference_map.places.columns['pose'][:usable, :2]
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    spacing_m = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
+    floor = np.eye(2) * max(NEARBY.least_m, spacing_m) ** 2
+    off = positions - estimate.pose.position[:2]
+    squares = (off @ np.linalg.inv(estimate.covariance[:2, :2] + floor) * off).sum(axis=1)
+    places = np.flatnonzero(squares <= NEARBY.sigmas**2)  # not NaN
+    weights = np.exp(-0.5 * squares[places])
+    return places, weights / weights.sum()

@@ -3,6 +3,7 @@
 """The topics on which the node publishes for every frame."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -20,7 +21,6 @@ from convseq_ros.node.conversions import (
     match_header,
     pose_message,
 )
-from convseq_ros.node.outputs.answered import Answered
 from convseq_ros.node.outputs.closure_messages import closure_message, closure_odometry_message
 from convseq_ros.node.outputs.map_topics import MapTopics, MatchMarkers
 from convseq_ros.node.qos import advertise
@@ -46,6 +46,19 @@ _KINDS = {
     '~/pose': PoseWithCovarianceStamped,
     '~/debug_image': Image,
 }
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Answered:
+    """A frame and its answer."""
+
+    frame: Frame
+    match: Match
+    recognizer: PlaceRecognizer  # that made it; for its map, and what a picture of it shows
+    session_start: int  # places of the map from this index on are of the running drive
+    model_ms: float  # of the work: that of the descriptor model
+    duration_ms: float  # of the work
+    latency_ms: float  # since the image arrived
 
 
 class MatchPublishers:

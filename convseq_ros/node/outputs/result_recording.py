@@ -11,8 +11,7 @@ from convseq_ros.core.types import Frame, Match
 from convseq_ros.io.output_file import LIBRARY
 from convseq_ros.io.regular_file import complete_or_absent
 from convseq_ros.node.conversions import type_name
-from convseq_ros.node.outputs.answered import Answered
-from convseq_ros.node.outputs.publishers import MatchPublishers
+from convseq_ros.node.outputs.publishers import Answered, MatchPublishers
 from convseq_ros.sources.topics import typestore
 from rclpy.serialization import serialize_message
 

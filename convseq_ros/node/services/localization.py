@@ -12,7 +12,7 @@ from convseq_ros.config.node_config import NodeConfig
 from convseq_ros.core.types import Localization, LocalizationState, Match, PoseEstimate
 from convseq_ros.node.conversions import pose_message, status_message
 from convseq_ros.node.inputs.initial_poses import InitialPoses
-from convseq_ros.node.outputs.situation import Situation
+from convseq_ros.node.outputs.diagnostics import Situation
 from convseq_ros.node.qos import advertise, LATCHED, SERVICE_QOS
 from convseq_ros.node.services.worker import Turn
 from diagnostic_msgs.msg import DiagnosticStatus

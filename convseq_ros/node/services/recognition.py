@@ -20,8 +20,8 @@ from convseq_ros.errors import (
 )
 from convseq_ros.node.inputs.frame_context import FrameContext
 from convseq_ros.node.inputs.once import Once
-from convseq_ros.node.outputs.answered import Answered
 from convseq_ros.node.outputs.counters import Counters
+from convseq_ros.node.outputs.publishers import Answered
 from convseq_ros.node.outputs.result_log import ResultLog
 from convseq_ros.node.services.map_linking import MapLinking
 from convseq_ros.sources.images import gray_of, message_pixels

@@ -11,7 +11,7 @@ from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.nearby import places_near
+from convseq_ros.core.pose.estimate import places_near
 from convseq_ros.core.types import LocalizationState, PoseEstimate, Reason, Status
 import numpy as np
 from poses import at
