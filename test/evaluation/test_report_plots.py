@@ -5,7 +5,7 @@
 from convseq_ros.app.match_picture import match_picture
 from convseq_ros.core.map.image_coding import thumbnail
 from convseq_ros.core.types import Candidate, Frame, Match, Reason
-from convseq_ros.evaluation.plots import reduced
+from convseq_ros.evaluation.report.results import reduced
 import numpy as np
 import pytest
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.types import Match
+from convseq_ros.core.types import Flags, Floats, Indices, Match
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.methods import Sweep
 from convseq_ros.evaluation.metrics import Curve
-from convseq_ros.evaluation.plots import new_figure, show_matches, show_scores, show_truth, svg
+from convseq_ros.evaluation.plots import new_figure, svg
 from convseq_ros.evaluation.protocols import OPEN, Outcome
 from convseq_ros.evaluation.report.page import Pair, Section
 from convseq_ros.evaluation.scorecard import Summary, Verdicts
@@ -20,6 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 _MEANS = 'said', 'right'
+_UNSCORED = '#4c4c4c'
+_VERDICT_COLORS = {'right': '#4ade80', 'wrong': '#ff6b6b', 'rejected': '#f5bd4f'}
+_MOST_CELLS, _MOST_DOTS = 320, 1500  # that are drawn of a matrix: in a row, and of matches
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,16 +121,69 @@ def _matrix(result: Result) -> str:
     scores = result.outcome.pairs.scores
     height = min(max(4.5 * scores.shape[0] / scores.shape[1], 1.6), 6.0)
     axes = (figure := new_figure(5, height)).add_subplot(xlabel='reference', ylabel='query')
-    show_scores(axes, scores)
-    show_truth(axes, result.outcome.right)
+    _show_scores(axes, scores)
+    _show_truth(axes, result.outcome.right)
     best = [match.best for match in result.outcome.matches]
     dots = [(at, one.reference_index) for at, one in enumerate(best) if one]
     if dots:
         words = _words(result)
-        show_matches(axes, np.array(dots), np.array([words[at] for at, _ in dots]), size=3.5)
+        _show_matches(axes, np.array(dots), np.array([words[at] for at, _ in dots]))
     if axes.get_legend_handles_labels()[0]:
         figure.legend(loc='upper center', bbox_to_anchor=(0.5, 0.0), ncols=2, fontsize=7)
     return svg(figure)
+
+
+def _show_scores(axes: Any, scores: Floats) -> None:
+    """Draw scores (Q, R): brighter is more similar, gray is NaN; blocks show their maximum."""
+    from matplotlib import colormaps
+
+    num_queries, num_references = scores.shape
+    small = reduced(scores)
+    finite = small[np.isfinite(small)]
+    low, high = np.percentile(finite, (1, 99.8)) if finite.size else (0.0, 1.0)
+    axes.imshow(
+        np.ma.masked_invalid(small),
+        cmap=colormaps['Blues_r'].with_extremes(bad=_UNSCORED),
+        vmin=low,
+        vmax=high if high > low else low + 1,
+        extent=(-0.5, num_references - 0.5, num_queries - 0.5, -0.5),
+        aspect='auto',
+        interpolation='none',
+    )
+    if finite.size < small.size:
+        axes.plot([], [], 's', color=_UNSCORED, label='not scored')
+
+
+def _show_truth(axes: Any, truth: Flags) -> None:
+    """Draw the edge of the right pairs; `truth` is bool, shape (Q, R)."""
+    small = reduced(truth.astype(np.float32))
+    if small.any() and not small.all() and min(small.shape) > 1:
+        rows, columns = (
+            (np.arange(count) + 0.5) * total / count - 0.5
+            for count, total in zip(small.shape, truth.shape, strict=True)
+        )
+        axes.contour(columns, rows, small, levels=[0.5], colors='white', linewidths=0.8)
+        axes.plot([], [], color='white', label='white: edge of the truth')
+
+
+def _show_matches(axes: Any, matches: Indices, verdicts: npt.NDArray[np.str_]) -> None:
+    """Draw a dot per match (N, 2); of very many, only every n-th."""
+    step = max(1, -(-len(matches) // _MOST_DOTS))
+    for verdict in reversed(_VERDICT_COLORS):
+        queries, references = matches[verdicts == verdict].T
+        if len(queries):
+            label, color = f'{len(queries)} {verdict}', _VERDICT_COLORS[verdict]
+            axes.plot(references[::step], queries[::step], 'o', ms=3, label=label, color=color)
+
+
+def reduced(values: Floats) -> Floats:
+    """Return the maximum of each block, so that neither side is longer than _MOST_CELLS."""
+    for axis in (0, 1):
+        block = -(-values.shape[axis] // _MOST_CELLS)
+        if block > 1:
+            starts = np.arange(0, values.shape[axis], block)
+            values = np.fmax.reduceat(values, starts, axis=axis)
+    return values
 
 
 def _words(result: Result) -> list[str]:
@@ -165,7 +221,7 @@ def _caption(match: Match, right: int | None, half: str) -> str:
     )
 
 
-def nearest(right: npt.NDArray[np.bool_], best: int) -> int | None:
+def nearest(right: Flags, best: int) -> int | None:
     """Return the right reference, of flags (R,), that is nearest to the best; None without one."""
     indices = np.flatnonzero(right)
     return int(indices[np.abs(indices - best).argmin()]) if len(indices) else None
