@@ -197,7 +197,7 @@ def drawn(seed, frames=1):
 def test_the_best_sequence_score_is_the_mean_of_a_diagonal(seed, frames):
     scores = drawn(seed, frames)
     _, buffer = filled(scores)
-    found = sequence_scores(buffer.rows[:frames], np.arange(REFERENCES), buffer.bounds)
+    found = buffer.best_scores(frames, np.arange(REFERENCES))
     ends = np.arange(frames - 1, REFERENCES)
     expected = np.mean([scores[frames - 1 - back, ends - back] for back in range(frames)], axis=0)
     assert found[: frames - 1].tolist() == [-np.inf] * (frames - 1)

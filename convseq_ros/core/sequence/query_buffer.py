@@ -147,6 +147,10 @@ class QueryBuffer:
             row[missing] = scores
         return sum(len(missing) for _, missing in requests)
 
+    def best_scores(self, length: int, ends: Indices) -> Values:
+        """Return `sequence_scores` (n,)."""
+        return sequence_scores(self.rows[:length], ends=ends, bounds=self.bounds)
+
     def note(self, row: Row, evidence: float) -> None:
         """Note the pair scores (R,) of the newest frame, found elsewhere, and its evidence."""
         self.frames[0] = replace(self.newest, row=row, evidence=evidence)

@@ -8,7 +8,6 @@ from convseq_ros.core.decision.paper.length import choose_length
 from convseq_ros.core.decision.paper.pair_score import PaperSimilarity
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.retrieval.coarse_scores import AllPlaces
-from convseq_ros.core.sequence.query_buffer import sequence_scores
 from convseq_ros.core.types import Candidates, Doubles, Flags, Indices, Reason
 import numpy as np
 
@@ -47,8 +46,7 @@ class PaperDecider(Decider):
         if self._shares_regions:
             buffer = buffer.with_regions_of_newest(length)
         pairs = buffer.score(length, ends)
-        scores = sequence_scores(buffer.rows[:length], ends, buffer.bounds)
-        candidates = self._best(ends, scores, query.config.acceptance)
+        candidates = self._best(ends, buffer.best_scores(length, ends), query.config.acceptance)
         return Answer(
             self._reason(candidates, length, query), candidates, length, pairs_scored=pairs
         )
