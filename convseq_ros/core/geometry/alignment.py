@@ -13,8 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 import math
 
-from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.geometry.structure import Sight, Structure
+from convseq_ros.core.geometry.structure import DEPTH, Sight, Structure
 from convseq_ros.core.rigid import cross, inverse, Matrix, quaternion, turned_by, vector
 from convseq_ros.core.types import constants, Doubles, RelativePose, UNKNOWN_M2, Vector
 import cv2
@@ -77,7 +76,7 @@ def align(
     used = Structure(
         structure.rays[known], structure.inverse_m[known], structure.information[known]
     )
-    moved, inverse, off, pulls, information = kernels_of(__package__).align(
+    moved, inverse, off, pulls, information = fitted(
         used, observed[known], scale, np.array(precision.sigmas), sight.moved
     )
     agreeing = int((np.hypot(*off.T) <= precision.agreeing).sum())
@@ -92,6 +91,56 @@ def align(
     least = np.linalg.inv(information)
     covariance = least @ (information + sums @ sums.T) @ least
     return Alignment(moved, covariance, information, agreeing, share, cells_per_m)
+
+
+def fitted(
+    known: Structure, observed: Doubles, scale: Doubles, sigmas: Doubles, start: Doubles
+) -> tuple[Doubles, Doubles, Doubles, Doubles, Doubles]:
+    """
+    Fit a motion (4, 4), starting at `start`, and n depths to regions that another lens sees.
+
+    There is one round of least squares for each sigma, in cells; larger errors weigh less.
+    `observed` (n, 2) is in the plane z = 1, `scale` (2,) cells across and down per length of 1.
+    Return the motion, inverse depths (n,), errors in cells (n, 2), gradients by the pose (n, 6),
+    and the information about the pose (6, 6), of a turn and a translation.
+    """
+    # Values of a region lie in a column: sums over contiguous memory are faster.
+    rays, observed, across_down = known.rays.T, observed.T, scale[:, None]
+    given, held = known.inverse_m, known.information
+    inverse, moved = given, start.copy()
+    for sigma in sigmas:
+        turned = moved[:3, :3] @ rays
+        points = turned + inverse * moved[:3, 3:]
+        ahead = np.maximum(points[2], DEPTH.least_ahead)
+        flat = points[:2] / ahead
+        off = (flat - observed) * across_down
+        by_pose, by_depth = _slopes(turned, inverse, moved[:3, 3:], flat, across_down / ahead)
+        weight = (points[2] > DEPTH.least_ahead) / (sigma**2 + (off**2).sum(axis=0))
+        # Depths are eliminated by the Schur complement, which is a scalar for each.
+        own = held + weight * (by_depth**2).sum(axis=0)
+        pull = held * (inverse - given) + weight * (by_depth * off).sum(axis=0)
+        both = weight * (by_pose * by_depth).sum(axis=1)
+        pulls = (by_pose * weight * off).sum(axis=1) - both * (pull / own)
+        rows = (by_pose * weight).reshape(6, -1)
+        information = rows @ by_pose.reshape(6, -1).T - (both / own) @ both.T
+        information[np.diag_indices(6)] += DEPTH.no_motion
+        step = -np.linalg.solve(information, pulls.sum(axis=1))
+        inverse = (inverse - (pull + step @ both) / own).clip(0.0, 1 / DEPTH.least_ahead)
+        moved[:3, :3] = turned_by(step[:3]) @ moved[:3, :3]
+        moved[:3, 3] += step[3:]
+    return moved, inverse, off.T, pulls.T, information
+
+
+def _slopes(
+    turned: Doubles, inverse: Doubles, translation: Doubles, flat: Doubles, scale: Doubles
+) -> tuple[Doubles, Doubles]:
+    """Return derivatives of positions by turns and translations (6, 2, n), by depths (2, n)."""
+    (x, y, z), (u, v) = turned, flat
+    zero = np.zeros_like(x)
+    across = -u * y, z + u * x, -y, inverse, zero, -u * inverse
+    down = -z - v * y, v * x, x, zero, inverse, -v * inverse
+    by_pose = np.stack((across, down), axis=1) * scale
+    return by_pose, (translation[:2] - flat * translation[2]) * scale
 
 
 def start_by_points(structure: Structure, sight: Sight) -> Matrix | None:

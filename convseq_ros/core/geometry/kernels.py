@@ -1,12 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Displacements, motions and alignment in C (kernels.c), defined by `numpy_kernels`."""
+"""Displacements and motions in C (kernels.c), defined by `numpy_kernels`."""
 
 from collections.abc import Sequence
 
 from convseq_ros.core.compiled import address, Array, DOUBLE, FLOAT, kernel, SIZE
 from convseq_ros.core.encoding.regions import Regions
-from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
 from convseq_ros.core.geometry.verification import (
     Displacements,
     FIELD,
@@ -30,9 +29,6 @@ _verify = kernel(
     'verify', _WORDS, Array('u8'), SIZE, SIZE, _WHOLES, FLOAT, _FLOATS, FLOAT, DOUBLE, SIZE,
     DOUBLE, _DOUBLES,
 )  # fmt: skip
-_align = kernel(
-    'align', *(_DOUBLES,) * 4, SIZE, _DOUBLES, _DOUBLES, SIZE, DOUBLE, DOUBLE, *(_DOUBLES,) * 5
-)
 _OF_FIELD = 1 / FIELD.scale**2, weights(), FIELD.tolerance_cells
 _OF_MOTION = MOTION_FIT.sigma_cells, MOTION_FIT.rounds, MOTION_FIT.stiffness
 
@@ -69,17 +65,3 @@ def verified(
         query.rows, addresses, count, query.side, shifts, *_OF_FIELD, *_OF_MOTION, results
     )  # fmt: skip
     return results
-
-
-def align(
-    known: Structure, observed: Doubles, scale: Doubles, sigmas: Doubles, start: Doubles
-) -> Fit:
-    """Return `numpy_kernels.align`, to 1e-9."""
-    count, rows, inverse = len(observed), start[:3].copy(), known.inverse_m.copy()
-    off, pulls, information = np.empty((count, 2)), np.empty((count, 6)), np.empty((6, 6))
-    regions = known.rays, observed, known.inverse_m, known.information
-    _align(
-        *map(np.ascontiguousarray, regions), count, np.ascontiguousarray(scale), sigmas,
-        len(sigmas), DEPTH.no_motion, DEPTH.least_ahead, rows, inverse, off, pulls, information,
-    )  # fmt: skip
-    return np.vstack((rows, start[3:])), inverse, off, pulls, information

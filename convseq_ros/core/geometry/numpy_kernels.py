@@ -1,12 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Displacements, motions and alignment by NumPy and OpenCV: the definition, and the fallback."""
+"""Displacements and motions by NumPy and OpenCV: the definition, and the fallback."""
 
 from collections.abc import Sequence
 from functools import lru_cache
 
 from convseq_ros.core.encoding.regions import Regions
-from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
 from convseq_ros.core.geometry.verification import (
     Displacements,
     FIELD,
@@ -16,7 +15,6 @@ from convseq_ros.core.geometry.verification import (
     PackedRegions,
     weights,
 )
-from convseq_ros.core.rigid import turned_by
 from convseq_ros.core.types import Doubles, Flags, Floats
 import cv2
 import numpy as np
@@ -176,53 +174,3 @@ def _beside(before: Floats, middle: Floats, after: Floats) -> Floats:
         bend = before - 2 * middle + after
         off = (before - after) / 2 / bend
     return np.where(known & (bend < 0), off, np.float32(0)).clip(-0.5, 0.5)
-
-
-def align(
-    known: Structure, observed: Doubles, scale: Doubles, sigmas: Doubles, start: Doubles
-) -> Fit:
-    """
-    Fit a motion (4, 4), starting at `start`, and n depths to regions that another lens sees.
-
-    There is one round of least squares for each sigma, in cells; larger errors weigh less.
-    `observed` (n, 2) is in the plane z = 1, `scale` (2,) cells across and down per length of 1.
-    Return the motion, inverse depths (n,), errors in cells (n, 2), gradients by the pose (n, 6),
-    and the information about the pose (6, 6), of a turn and a translation.
-    """
-    # Values of a region lie in a column: sums over contiguous memory are faster.
-    rays, observed, across_down = known.rays.T, observed.T, scale[:, None]
-    given, held = known.inverse_m, known.information
-    inverse, moved = given, start.copy()
-    for sigma in sigmas:
-        turned = moved[:3, :3] @ rays
-        points = turned + inverse * moved[:3, 3:]
-        ahead = np.maximum(points[2], DEPTH.least_ahead)
-        flat = points[:2] / ahead
-        off = (flat - observed) * across_down
-        by_pose, by_depth = _slopes(turned, inverse, moved[:3, 3:], flat, across_down / ahead)
-        weight = (points[2] > DEPTH.least_ahead) / (sigma**2 + (off**2).sum(axis=0))
-        # Depths are eliminated by the Schur complement, which is a scalar for each.
-        own = held + weight * (by_depth**2).sum(axis=0)
-        pull = held * (inverse - given) + weight * (by_depth * off).sum(axis=0)
-        both = weight * (by_pose * by_depth).sum(axis=1)
-        pulls = (by_pose * weight * off).sum(axis=1) - both * (pull / own)
-        rows = (by_pose * weight).reshape(6, -1)
-        information = rows @ by_pose.reshape(6, -1).T - (both / own) @ both.T
-        information[np.diag_indices(6)] += DEPTH.no_motion
-        step = -np.linalg.solve(information, pulls.sum(axis=1))
-        inverse = (inverse - (pull + step @ both) / own).clip(0.0, 1 / DEPTH.least_ahead)
-        moved[:3, :3] = turned_by(step[:3]) @ moved[:3, :3]
-        moved[:3, 3] += step[3:]
-    return moved, inverse, off.T, pulls.T, information
-
-
-def _slopes(
-    turned: Doubles, inverse: Doubles, translation: Doubles, flat: Doubles, scale: Doubles
-) -> tuple[Doubles, Doubles]:
-    """Return derivatives of positions by turns and translations (6, 2, n), by depths (2, n)."""
-    (x, y, z), (u, v) = turned, flat
-    zero = np.zeros_like(x)
-    across = -u * y, z + u * x, -y, inverse, zero, -u * inverse
-    down = -z - v * y, v * x, x, zero, inverse, -v * inverse
-    by_pose = np.stack((across, down), axis=1) * scale
-    return by_pose, (translation[:2] - flat * translation[2]) * scale

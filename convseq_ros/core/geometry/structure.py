@@ -41,10 +41,6 @@ class Structure:
     information: Doubles  # (n,), inverse variances of `inverse_m`, square metres; 0 if unknown
 
 
-# Motion, inverse depths, errors, pulls and information: see `numpy_kernels.align`.
-Fit = tuple[Doubles, Doubles, Doubles, Doubles, Doubles]
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Sight:
     """Where another image sees the same regions; equal to itself only."""

@@ -2,7 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Vectors of LANES 32-bit numbers, which GCC turns into instructions; and the layout of bytes for
 // their dot products, which GCC does not provide.
-#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
