@@ -40,7 +40,7 @@ class ModelError(ConvseqError):
 
 
 class FleetError(ConvseqError):
-    """A cluster cannot be reached or is not allowed, or none of its maps can be opened."""
+    """Workers do not start, or none of the maps of a fleet can be opened."""
 
 
 def one_line(error: BaseException, limit: int = 200) -> str:

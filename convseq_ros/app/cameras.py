@@ -11,7 +11,6 @@ from convseq_ros.core.encoding.first_stage import Describe
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.retrieval.coarse_scores import AllPlaces
 from convseq_ros.core.rigid import of_roll_pitch_yaw
 from convseq_ros.core.types import (
     Frame,
@@ -40,18 +39,14 @@ class Cameras:
         reference_map: ReferenceMap,
         config: Config,
         sources: Sequence[str] = (),
-        coarse: Callable[[], AllPlaces | None] = lambda: None,
         describe: Describe | None = None,
     ) -> None:
-        """Make a recogniser for each source; `coarse` makes the coarse scores of each."""
         config.robot.refuse_count(len(sources) or 1)
         self.config = config
 
         def make(number: int, leader: PlaceRecognizer | None = None) -> PlaceRecognizer:
             settings = of_camera(config, number)
-            return PlaceRecognizer(
-                reference_map, settings, coarse=coarse(), describe=describe, leader=leader
-            )
+            return PlaceRecognizer(reference_map, settings, describe=describe, leader=leader)
 
         self.first = make(0)
         self.recognizers, self._frames = {source: self.first for source in sources[:1]}, 0

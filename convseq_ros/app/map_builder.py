@@ -13,7 +13,6 @@ from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.encoding.glance import brightness, Glance, glance
 from convseq_ros.core.gate.gate import AnyOrder
 from convseq_ros.core.map.appender import Appender, MapOwner
-from convseq_ros.core.map.arrays import Places
 from convseq_ros.core.map.image_coding import decode_jpeg
 from convseq_ros.core.map.online import link, OnlineMap
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -193,9 +192,7 @@ class _DrivenMap(OnlineMap):
 
 def _as_driven(source: ReferenceMap) -> ReferenceMap:
     """Return a copy that shares pictures and links, with every place as an upright keyframe."""
-    places, end = Places(source.global_descriptors.shape[1], len(source)), len(source)
-    places.descriptors.extend(source.global_descriptors[:end])
-    places.take({name: rows[:end] for name, rows in source.places.columns.items()}, 0)
+    places = source.places.first(len(source))
     encoding = replace(source.encoding, image_rotation_deg=0)
     same = source.map_id, source.sessions, source.links
     return ReferenceMap(encoding, places, source.pictures, EVERY_FRAME, *same)

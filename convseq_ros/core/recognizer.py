@@ -53,8 +53,8 @@ class PlaceRecognizer:
         The places to recognise; it decides how frames are encoded. In online mode it grows.
     config : Config
         `configure` may replace its `sequence`, `acceptance`, `motion` and `robot`.
-    matcher, coarse : Scorer, AllPlaces, optional
-        They compute pair scores and coarse scores; by default as `config.matching` selects.
+    matcher : Scorer, optional
+        It computes pair scores; by default as `config.matching` selects.
     describe : Describe, optional
         The descriptor model of the map, from an image to a vector; none for the built-in one.
     mapping : PreloadedMap, optional
@@ -77,7 +77,6 @@ class PlaceRecognizer:
         reference_map: ReferenceMap,
         config: Config = Config(),
         matcher: Scorer | None = None,
-        coarse: AllPlaces | None = None,
         describe: Describe | None = None,
         *,
         mapping: PreloadedMap | None = None,
@@ -98,9 +97,9 @@ class PlaceRecognizer:
         self.mapping: PreloadedMap = mapping or followed or mapping_of(reference_map, config)
         self.matcher = matcher or _made_matcher(reference_map, config)
         self._buffer = QueryBuffer(self.matcher, reference_map.bounds)
-        if config.matching.search == 'exhaustive':
-            coarse = AllPlaces()
-        coarse = coarse or CoarseScores(reference_map, config.matching.both_directions)
+        coarse = AllPlaces()
+        if config.matching.search != 'exhaustive':
+            coarse = CoarseScores(reference_map, config.matching.both_directions)
         self.decider: Decider = (
             BeliefDecider(reference_map, self.matcher, coarse, config)
             if config.believes

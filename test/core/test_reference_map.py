@@ -9,7 +9,7 @@ import tracemalloc
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map import arrays
-from convseq_ros.core.map.arrays import GrowingArray, Places
+from convseq_ros.core.map.arrays import GrowingArray
 from convseq_ros.core.map.image_coding import decode_image, decode_jpeg, encode_image, thumbnail
 from convseq_ros.core.map.online import FollowedMap, OnlineMap
 from convseq_ros.core.map.place import pack_cells, Picture, Place
@@ -107,13 +107,13 @@ def test_a_jpeg_larger_than_a_thumbnail_is_not_decoded(monkeypatch):
     assert decode_jpeg(jpeg[:sides] + 2 * (30_000).to_bytes(2) + jpeg[sides + 4 :]) is None
 
 
-def test_sessions_of_a_map_that_is_joined_to_another_come_after_its_own(a_map):
-    first, second = a_map(2, 3), a_map(1, 2)
-    joined = Places(0)
-    joined.take(first.places.columns, 0)
-    joined.take(second.places.columns, 2)
-    assert [place.session for place in joined] == [0, 0, 1, 1, 1, 2, 3, 3]
-    assert joined.bounds.starts.tolist() == [0, 2, 5, 6]
+def test_a_copy_of_the_first_places_does_not_grow_with_them(a_map):
+    places = a_map(2, 3).places
+    copy = places.first(4)
+    assert [*copy] == places[:4] and copy.bounds.starts.tolist() == [0, 2]
+    assert np.array_equal(copy.descriptors.view, places.descriptors.view[:4])
+    places.append(places[0], places.descriptors.view[0])
+    assert len(copy) == 4
 
 
 SECOND = 10**9

@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A fleet of maps answers as one map would that was made of all."""
 
-import os
 from pathlib import Path
 import shutil
-import signal
 
 from convseq_ros.cli import main
 from convseq_ros.config import Config, make_config
@@ -22,30 +20,29 @@ SETTINGS_OF_ANSWERS = (
     {'both_directions': True},
     {'fixed_length': 10, 'acceptance_rule': 'margin'},
     {'matching': 'regional'},
+    {'search': 'exhaustive'},
 )
 
 
 @pytest.mark.parametrize('asked', SETTINGS_OF_ANSWERS)
-def test_a_fleet_answers_every_frame_as_one_map(drives, client, answers_of, asked):
+def test_a_fleet_answers_every_frame_as_one_map(drives, answers_of, asked):
     maps, one, again = drives
     config = make_config(asked)
-    fleet = Fleet(client, sorted(maps.glob('*.db')), config)
+    fleet = Fleet(sorted(maps.glob('*.db')), config)
     found = answers_of(fleet.cameras.first, again)
     assert found == answers_of(PlaceRecognizer(open_map(one), config), again)
-    assert fleet.missing == [] and fleet.count == 3 * FRAMES
+    assert fleet.missing == [] and len(fleet.reference_map) == 3 * FRAMES
     assert any(reason == 'accepted' for _, reason, *_ in found)
 
 
-def test_a_fleet_keeps_links_keypoints_and_kept_images_of_its_maps(
-    drives, client, tmp_path, answers_of
-):
+def test_a_fleet_keeps_links_keypoints_and_kept_images_of_its_maps(drives, tmp_path, answers_of):
     maps, _, again = drives
     paths = [shutil.copy(path, tmp_path) for path in sorted(maps.glob('*.db'))]
     assert main(['build-map', str(again), str(paths[1]), *SETTINGS, '--append']) == 0
     one, parts = tmp_path / 'one' / 'one.db', [str(path) for path in paths]
     one.parent.mkdir()
     assert main(['map', 'merge', *parts, '-o', str(one), '--no-links']) == 0
-    fleet, merged = Fleet(client, [*map(Path, paths)], Config()), open_map(one)
+    fleet, merged = Fleet([*map(Path, paths)], Config()), open_map(one)
     linked = [*fleet.reference_map.links]
     assert linked == [*merged.links] and len(linked) > FRAMES // 2
     assert [*fleet.reference_map.places] == [*merged.places]
@@ -63,39 +60,25 @@ def test_a_fleet_keeps_links_keypoints_and_kept_images_of_its_maps(
     assert answers_of(fleet.cameras.first, again) == expected
 
 
-def test_a_worker_that_dies_in_the_middle_loses_nothing(drives, client, expected, answers_of):
-    maps, _, again = drives
-    fleet = Fleet(client, sorted(maps.glob('*.db')), Config())
-
-    def kill(number):
-        if number in (8, 20):
-            pids = client.run(os.getpid)
-            os.kill(pids[min(pids)], signal.SIGKILL)
-
-    assert answers_of(fleet.cameras.first, again, kill) == expected
-
-
-def test_maps_that_cannot_be_opened_are_left_out_and_named(
-    drives, client, expected, tmp_path, answers_of
-):
+def test_maps_that_cannot_be_opened_are_left_out_and_named(drives, expected, tmp_path, answers_of):
     maps, _, again = drives
     folder = shutil.copytree(maps, tmp_path / 'some')
     (folder / 'map_0a.db').write_bytes(b'SQLite format 3\0 and nothing else')
     other = ['--image-size-px', '256']
     assert main(['build-map', str(again), str(folder / 'map_9.db'), *SETTINGS, *other]) == 0
-    fleet = Fleet(client, sorted(folder.glob('*.db')), Config())
+    fleet = Fleet(sorted(folder.glob('*.db')), Config())
     damaged, foreign = fleet.missing
     assert 'map_0a.db' in damaged and 'map_9.db' in foreign and 'image_size_px' in foreign
     # The others answer as if there were no more; without any, there is no fleet.
     assert answers_of(fleet.cameras.first, again) == expected
     with pytest.raises(FleetError, match=r'no map of 1 can be opened: .*map_0a\.db'):
-        Fleet(client, [folder / 'map_0a.db'], Config())
+        Fleet([folder / 'map_0a.db'], Config())
 
 
-def test_a_map_that_is_damaged_later_ends_in_one_line(drives, client, tmp_path, answers_of):
+def test_a_map_that_is_damaged_later_ends_in_one_line(drives, tmp_path, answers_of):
     maps, _, again = drives
     folder = shutil.copytree(maps, tmp_path / 'some')
-    fleet, damaged = Fleet(client, sorted(folder.glob('*.db')), Config()), folder / 'map_1.db'
+    fleet, damaged = Fleet(sorted(folder.glob('*.db')), Config()), folder / 'map_1.db'
     content = damaged.read_bytes()
     quarter = len(content) // 4
     damaged.write_bytes(content[:quarter] + bytes(len(content) - quarter))
@@ -104,7 +87,6 @@ def test_a_map_that_is_damaged_later_ends_in_one_line(drives, client, tmp_path, 
     assert '\n' not in str(caught.value)
 
 
-@pytest.mark.parametrize(('name', 'value'), [('search', 'exhaustive'), ('mode', 'online')])
-def test_a_setting_that_a_fleet_does_not_support_is_refused(client, drives, name, value):
-    with pytest.raises(FleetError, match=f'{name} {value}: .*; leave it out'):
-        Fleet(client, sorted(drives[0].glob('*.db')), make_config({name: value}))
+def test_a_fleet_that_is_to_grow_is_refused(drives):
+    with pytest.raises(FleetError, match=r'mode online: .*; leave it out'):
+        Fleet(sorted(drives[0].glob('*.db')), make_config({'mode': 'online'}))

@@ -33,7 +33,7 @@ STABLE, MAY_CHANGE = 'stable', 'may change'
 # Everything that is not named here is stable.
 CHANGING = {
     '/diagnostics', '~/debug_image', '~/markers', '~/reference_path',
-    'PlaceRecognizer(matcher)', 'PlaceRecognizer(coarse)', 'PlaceRecognizer.process(descriptor)',
+    'PlaceRecognizer(matcher)', 'PlaceRecognizer.process(descriptor)',
     'open_map(encoding)', 'open_map(keyframes)',
     'build_map(links)',
     'convseq demo', 'convseq evaluate', 'convseq fleet', 'convseq report',

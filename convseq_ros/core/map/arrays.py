@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The numbers of all places, in arrays that grow."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 import math
 from mmap import MAP_ANONYMOUS, MAP_PRIVATE, mmap
 import sys
@@ -99,19 +99,16 @@ class Places(Sequence[Place]):
         self._add(block)
 
     @property
-    def columns(self) -> dict[str, Any]:
-        """The columns of all places without descriptors, (R, ...) each, quick to pickle."""
-        rows = self._rows.view
-        names = 'stamp_ns', 'pose', 'session'
-        return {'source': rows['source'].tolist()} | {name: rows[name].copy() for name in names}
+    def columns(self) -> npt.NDArray[Any]:
+        """The numbers of all places, (R,), by name; do not write to them."""
+        return self._rows.view
 
-    def take(self, columns: Mapping[str, Any], first_session: int) -> None:
-        """Add places by `columns` of another map; its sessions are numbered from a first one."""
-        block = np.empty(len(columns['source']), _ROW)
-        for name, column in columns.items():
-            block[name] = column
-        block['session'] += first_session
-        self._add(block)
+    def first(self, count: int) -> 'Places':
+        """Return a copy of the first places."""
+        copy = Places(self.descriptors.view.shape[1], count)
+        copy.descriptors.extend(self.descriptors.view[:count])
+        copy._add(self._rows.view[:count])
+        return copy
 
     def _add(self, block: npt.NDArray[Any]) -> None:
         """Add rows, and record where sessions begin."""

@@ -71,7 +71,7 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
 
     MapError if they were made with different settings or a session is there twice.
     """
-    _refuse_incompatible(slices)
+    refuse_incompatible(slices)
     first = slices[0].reference_map
     origins = [(part.reference_map, index) for part in slices for index in part.places]
     places = Places(first.global_descriptors.shape[1], len(origins))
@@ -92,6 +92,7 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
 
     sessions = [part.session for part in slices]
     joined_map = ReferenceMap(first.encoding, places, read, first.keyframes, sessions=sessions)
+    joined_map.keeps_images = any(part.reference_map.keeps_images for part in slices)
     joined_map.position_sigma_m = max(part.reference_map.position_sigma_m for part in slices)
     carry_links(origins, joined_map.links)
     for source in dict.fromkeys(part.reference_map for part in slices):
@@ -103,7 +104,7 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
     return joined_map
 
 
-def _refuse_incompatible(slices: Sequence[SessionSlice]) -> None:
+def refuse_incompatible(slices: Sequence[SessionSlice]) -> None:
     """Raise MapError if sessions were made with different settings, or one is there twice."""
 
     def settings_of(part: SessionSlice) -> dict[str, object]:

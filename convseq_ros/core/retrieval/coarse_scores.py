@@ -13,7 +13,6 @@ from convseq_ros.core.retrieval.whitening import (
     COARSE,
     DriveMean,
     products,
-    Statistics,
     statistics_of,
     sums_of,
     WhitenedReferences,
@@ -78,7 +77,7 @@ class AllPlaces:
     """
     Selects the places that a query is scored with: all of them, as in the paper (III-D).
 
-    Subclasses select the likely places, of a map or of many shards.
+    A subclass selects the likely places.
     """
 
     _usable = 0
@@ -111,17 +110,12 @@ class CoarseScores(AllPlaces):
     The means of the session and of the drive are subtracted: this removes what night, season or
     surroundings do to every image. Numbers are divided by the fourth root of their standard
     deviation in both, so that those that lamps change most do not dominate.
-    A fleet's map has no descriptors: it gives the `statistics` of all its maps.
     """
 
-    def __init__(
-        self, reference_map: ReferenceMap, both: bool = False, statistics: Statistics | None = None
-    ) -> None:
+    def __init__(self, reference_map: ReferenceMap, both: bool = False) -> None:
         self._map, self._track = reference_map, Track(both)
         self.row: Row = np.zeros(0, np.float32)  # cosines with the first references
         self._begin(reference_map.global_descriptors[:0])
-        if statistics:
-            self._statistics, self._drive = statistics, DriveMean(len(statistics.mean))
 
     def _begin(self, nothing: Halves) -> None:
         """Start without places; the vectors' length is known from a model's first one."""
@@ -151,12 +145,9 @@ class CoarseScores(AllPlaces):
 
     def like(self, place: int, earlier: int, count: int, excluded: Sequence[range]) -> Indices:
         """Return which of the first `earlier` places are most like one, ascending."""
-        return np.sort(top(self._likeness(place)[:earlier], count, excluded))
-
-    def _likeness(self, place: int) -> Row:
-        """Return the products of the descriptors of all places with that of one."""
         described = self._map.global_descriptors
-        return products(described, described[place].astype(np.float32))
+        likeness = products(described[:earlier], described[place].astype(np.float32))
+        return np.sort(top(likeness, count, excluded))
 
     def _follow_map(self, references: Halves, starts: Indices) -> None:
         if len(references) > COARSE.averaged_anew * self._counted:
