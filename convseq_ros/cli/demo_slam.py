@@ -111,14 +111,9 @@ def draw_false(truth: Truth, count: int) -> list[tuple[int, int]]:
 
 def read_trajectory(path: Path) -> Truth:
     """Return the positions of a file in the format of TUM, by their stamps."""
-    found = {}
-    for line in path.read_text(encoding='utf-8').splitlines():
-        if line.startswith('#'):
-            continue
-        stamp, x, y, z, *_ = line.split()
-        seconds, _, rest = stamp.partition('.')
-        found[int(seconds) * 10**9 + int(rest)] = float(x), float(y), float(z)
-    return found
+    rows = np.loadtxt(path, str, skiprows=1, usecols=range(4), ndmin=2).tolist()
+    # Stamps have nine decimals.
+    return {int(stamp.replace('.', '')): (float(x), float(y), float(z)) for stamp, x, y, z in rows}
 
 
 def error_m(estimate: Truth, truth: Truth) -> float:

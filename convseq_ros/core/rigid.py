@@ -62,6 +62,13 @@ def difference(first: Matrix, second: Matrix) -> Matrix:
     return np.r_[moved[:3, 3], cv2.Rodrigues(moved[:3, :3])[0].ravel()]
 
 
+def motion(numbers: Matrix) -> Matrix:
+    """Return the motion (4, 4) of what `difference` returns, (6,)."""
+    moved = np.eye(4)
+    moved[:3, :3], moved[:3, 3] = turned_by(numbers[3:]), numbers[:3]
+    return moved
+
+
 def cross(left: Matrix) -> Matrix:
     """Return the matrix (3, 3) of the cross product with a vector (3,) on the left."""
     x, y, z = left.tolist()

@@ -9,10 +9,9 @@ import math
 
 from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.core.map.online import RECENT
-from convseq_ros.core.rigid import angle, inverse, Matrix, turned_by
+from convseq_ros.core.rigid import angle, difference, inverse, Matrix, motion
 from convseq_ros.core.types import constants, Doubles
 from convseq_ros.pose_graph.edges import Edge
-import cv2
 import numpy as np
 
 
@@ -157,11 +156,7 @@ class Odometry:
         first, second = self.poses[after - 1], self.poses[after]
         span_ns = self.stamps[after] - self.stamps[after - 1]
         share = (stamp_ns - self.stamps[after - 1]) / span_ns
-        moved = inverse(first) @ second
-        part = np.eye(4)
-        part[:3, :3] = turned_by(share * cv2.Rodrigues(moved[:3, :3])[0].ravel())
-        part[:3, 3] = share * moved[:3, 3]
-        return np.asarray(first @ part)
+        return np.asarray(first @ motion(share * difference(first, second)))
 
     def place(self, stamp_ns: int) -> tuple[int, Matrix] | None:
         """Return the last keyframe before a time, and the pose (4, 4) since it."""

@@ -6,7 +6,7 @@ import math
 from threading import Lock
 
 from convseq_ros.config.node_config import NodeConfig
-from convseq_ros.core.rigid import difference, inverse, Matrix, matrix, turned_by
+from convseq_ros.core.rigid import difference, inverse, Matrix, matrix, motion
 from convseq_ros.core.types import constants, Frame, Match, PoseEstimate
 from convseq_ros.node.outputs.map_to_odom import MapToOdom
 import numpy as np
@@ -72,7 +72,7 @@ class MeasuredTransform:
                 self._outside, self._off = self._outside + 1, off
                 return
             gain = before @ np.linalg.inv(total)
-            self._set(expected @ _motion(gain @ off), base, before - gain @ before)
+            self._set(expected @ motion(gain @ off), base, before - gain @ before)
 
     def _set(self, goal: Matrix, base: Matrix, covariance: Matrix) -> None:
         self._moved, self._last = goal @ inverse(base), base
@@ -122,10 +122,3 @@ class MeasuredTransform:
             'map_to_odom_sigma_m': metres,
             'map_to_odom_sigma_rad': radians,
         }
-
-
-def _motion(numbers: Matrix) -> Matrix:
-    """Return the matrix (4, 4) of a motion (6,)."""
-    moved = np.eye(4)
-    moved[:3, :3], moved[:3, 3] = turned_by(numbers[3:]), numbers[:3]
-    return moved
