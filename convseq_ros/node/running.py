@@ -24,7 +24,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 
 _IN_C = re.compile(r'(, at \S+:\d+)+$')  # where the C code of ROS met an error
-_OUR_THREADS = frozenset({'worker', 'service', 'solver'})  # they end when the node is destroyed
+_OUR_THREADS = frozenset({'worker', 'solver'})  # they end when the node is destroyed
 _SPIN_S = 0.2
 _LOG_PERIOD_S = 5.0
 _M_MMAP_THRESHOLD = -3  # malloc.h of glibc: larger blocks are mapped, and unmapped when freed

@@ -4,7 +4,6 @@
 
 from collections import deque
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 from convseq_ros.core.encoding.descriptor import ENTROPY
@@ -12,38 +11,27 @@ from convseq_ros.core.encoding.glance import distance, Glance
 from convseq_ros.core.similarity.kernels import coherent_kernel
 from convseq_ros.core.types import constants, Descriptor
 
-_KEPT = 2  # cached descriptors
-
 
 class Overlap:
     """
-    The coherent score of normalised cells, without a background; prepares each descriptor once.
+    The coherent score of normalised cells, without a background; what is compared with is kept.
 
     How fast it falls along a drive depends on the distance of things, hardly on the light.
     """
 
     def __init__(self, saliency_threshold: float) -> None:
-        pair, least_bits = coherent_kernel(), saliency_threshold * ENTROPY.max_bits
-
-        @lru_cache(_KEPT)
-        def normalized(image: Descriptor) -> Descriptor:
-            return replace(image, cells=pair.normalize(image.cells))
-
-        @lru_cache(_KEPT)
-        def extracted(query: Descriptor) -> Any:
-            return pair.extract(normalized(query), least_bits)
-
-        @lru_cache(_KEPT)
-        def prepared(other: Descriptor) -> Any:
-            return pair.prepare(normalized(other).cells, None)
-
-        self._pair, self._extracted, self._prepared = pair, extracted, prepared
+        self._pair, self._least_bits = coherent_kernel(), saliency_threshold * ENTROPY.max_bits
+        self._prepared: tuple[Descriptor | None, Any] = None, None  # what was compared with
 
     def __call__(self, query: Descriptor, other: Descriptor) -> float:
         """Return the score of a query and another image, in [0, 1]; 0 for one without regions."""
-        if (features := self._extracted(query)) is None:
+        pair = self._pair
+        image = replace(query, cells=pair.normalize(query.cells))
+        if (features := pair.extract(image, self._least_bits)) is None:
             return 0.0
-        return float(self._pair.compare(features, [self._prepared(other)])[0][0])
+        if self._prepared[0] is not other:
+            self._prepared = other, pair.prepare(pair.normalize(other.cells), None)
+        return float(pair.compare(features, [self._prepared[1]])[0][0])
 
 
 @constants

@@ -4,7 +4,7 @@
 
 from collections import Counter, deque
 from collections.abc import Callable, Generator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 import math
 import threading
@@ -139,23 +139,18 @@ class BackgroundWork:
     """
 
     def __init__(self) -> None:
-        self._threads: set[threading.Thread] = set()
+        self._threads = ThreadPoolExecutor(thread_name_prefix='service')
 
     async def result_of(self, work: Callable[[], Result]) -> Result:
         """Return the result of work, or raise its error, while other callbacks are served."""
-        future: Future[Result] = Future()
-        thread = threading.Thread(target=fulfil, args=(future, work), name='service')
-        self._threads.add(thread)
-        thread.start()
-        while thread.is_alive():
+        future = self._threads.submit(work)
+        while not future.done():
             await Turn()
-        self._threads.discard(thread)
         return future.result()
 
     def finish(self) -> None:
         """Wait for all work to end."""
-        for thread in self._threads:
-            thread.join()
+        self._threads.shutdown()
 
 
 def fulfil(future: Future[Result], work: Callable[[], Result]) -> None:
