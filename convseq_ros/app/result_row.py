@@ -5,11 +5,11 @@
 from convseq_ros.core.types import Match, Reason, RelativePose
 
 
-def row(match: Match, duration_ms: float, image: str = '') -> dict[str, object]:
+def row(match: Match, duration_ms: float, source: str = '') -> dict[str, object]:
     """
     Return the row of a match; None, an empty field, for a value that is missing.
 
-    `image` is the name of the image's file, if it is of a folder.
+    `source` is the name of the image's file, or its topic, which is not written.
     """
     accepted, best, localization = match.accepted, match.best, match.localization
     shift = best.shift if best and best.shift else (None, None)
@@ -42,7 +42,7 @@ def row(match: Match, duration_ms: float, image: str = '') -> dict[str, object]:
         'camera': match.camera or None,
         'anchor_session': match.anchor.session_id if match.anchor else None,
         'anchor_stamp_ns': match.anchor.stamp_ns if match.anchor else None,
-        'image': image or None,
+        'image': None if '/' in source else source or None,
         'overlap': _decimals(match.overlap, 3),
     }
 

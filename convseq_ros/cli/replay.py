@@ -145,8 +145,7 @@ def opened(path: Path) -> Iterator[Listener]:
     with ResultWriter(path, COLUMNS) as table:
 
         def write(frame: Frame, match: Match, _: PlaceRecognizer, duration_ms: float) -> None:
-            is_file = '/' not in frame.source  # else it is a topic
-            table.write(row(match, duration_ms, frame.source if is_file else ''))
+            table.write(row(match, duration_ms, frame.source))
 
         yield write
 

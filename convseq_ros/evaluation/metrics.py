@@ -35,19 +35,18 @@ def precision_recall(correct: Flags, values: Values, positives: int | None = Non
     """
     Return the exact precision-recall curve, by scikit-learn.
 
-    `correct` (M,) flags the right answers, `values` (M,) are the values to threshold, -inf for
-    none. `positives` is the denominator of recall, by default the number of right answers.
+    `correct` (M,) flags the right answers, `values` (M,) are the values to threshold. `positives`
+    is the denominator of recall, by default the number of right answers.
     """
     right = int(correct.sum())
     total = right if positives is None else positives
     if not right:
         number = min(1, len(correct))
         return Curve(np.zeros(number), np.full(number, 0.0 if total else np.nan))
-    finite = np.nan_to_num(values, neginf=np.finfo(np.float64).min)
     metrics = load('sklearn.metrics', 'evaluation')
     context = load('sklearn', 'evaluation').config_context
     with context(assume_finite=True, skip_parameter_validation=True):
-        curve = metrics.precision_recall_curve(correct, finite)
+        curve = metrics.precision_recall_curve(correct, values)
     precision, recall = (column[-2::-1] for column in curve[:2])  # without the point at recall 0
     return Curve(precision, recall * right / total)
 

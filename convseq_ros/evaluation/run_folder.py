@@ -71,11 +71,12 @@ def write_summary_table(folder: Path, summaries: Sequence[Summary]) -> None:
 def _frames(outcome: Outcome, verdicts: Verdicts) -> Any:
     """Return a row per answer, as a pandas table."""
     durations_ms = outcome.durations_ms or [0.0] * len(outcome.matches)
-    answers = [*map(row, outcome.matches, durations_ms)]
+    query, margins = outcome.query, map(margin, outcome.matches)
+    sources = [query.names[match.query_index] for match in outcome.matches]
+    answers = [*map(row, outcome.matches, durations_ms, sources)]
     table = load('pandas', 'evaluation').DataFrame(answers, columns=COLUMNS, dtype=object)
     if not outcome.durations_ms:
         table['duration_ms'] = ''
-    query, margins = outcome.query, map(margin, outcome.matches)
     for name in ('correct', 'known', 'slip'):
         table[name] = getattr(verdicts, name).astype(int)
     table['margin'] = ['' if np.isnan(one) else f'{one:.7f}' for one in margins]

@@ -34,12 +34,11 @@ class Verdicts:
     # method has none.
     values: Mapping[str, metrics.Values]
 
-    def curve(self, criterion: str, positives: int | None = None) -> metrics.Curve:
-        """Return the curve over a criterion; it is empty if the method has no such values."""
-        matched = self.matched & (not np.isnan(self.values[criterion]).all())
-        return metrics.precision_recall(
-            self.correct[matched], self.sure(criterion)[matched], positives
-        )
+    def curve(self, criterion: str, positives: int) -> metrics.Curve:
+        """Return the curve over a criterion, of the answers that have a value of it."""
+        values = self.values[criterion]
+        ranked = self.matched & ~np.isnan(values)
+        return metrics.precision_recall(self.correct[ranked], values[ranked], positives)
 
     def of(self, chosen: npt.NDArray[np.int64]) -> 'Verdicts':
         """Return the verdicts on the chosen frames, in this order, with repetitions."""
@@ -112,11 +111,13 @@ def curve_figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]
     Return the figures of the curves; None where a figure is undefined.
 
     `auc_pr` is the area under the precision-recall curve of the matched frames, recall over the
-    right matches, as in scikit-learn and VPR-Bench; 0 if no match is right.
+    right matches, as in scikit-learn and VPR-Bench; 0 if no match is right. An answer without a
+    value, such as a refused one of `accepted`, is found at no threshold.
     """
     answerable = int((verdicts.matched & verdicts.known).sum())
-    area = metrics.average_precision(verdicts.curve(criterion))
-    is_zero = verdicts.known.any() and not verdicts.correct.any()
+    right = int(verdicts.correct.sum())
+    area = metrics.average_precision(verdicts.curve(criterion, right))
+    is_zero = verdicts.known.any() and not right
     return {
         'auc_pr': 0.0 if is_zero else area,
         'recall_at_100_precision': metrics.recall_at_full_precision(

@@ -75,6 +75,7 @@ def test_an_evaluation_folder_holds_consistent_results(street, quick, tmp_path):
     frames = rows(method / 'frames.csv')
     assert tuple(frames[0]) == COLUMNS + EXTRA_COLUMNS
     assert [row['query_index'] for row in frames] == [str(index) for index in range(24)]
+    assert frames[3]['image'] == '003.png'
     summary = json.loads((method / 'summary.json').read_text())
     assert summary['argv'] == ['convseq', 'evaluate']
     assert summary['configuration']['image_size_px'] == 128

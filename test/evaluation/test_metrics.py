@@ -166,6 +166,12 @@ def test_figures_of_five_frames_are_those_worked_by_hand():
     }
 
 
+def test_a_refused_answer_is_found_at_no_threshold():
+    right = np.array([0, 1, 1, 1, 1], bool)
+    found = figures(verdicts(correct=right, known=right), 'accepted')
+    assert found['recall_at_100_precision'] == found['auc_pr'] == 3 / 4
+
+
 def test_the_first_closure_is_counted_from_the_first_known_frame_of_a_half():
     assert first_closures(verdicts(), [''] * 5) == {'': 1}
     # The second half knows its first frame, whose answer is a slip, and no other.
@@ -176,7 +182,7 @@ def test_the_first_closure_is_counted_from_the_first_known_frame_of_a_half():
 def test_without_answers_or_a_criterion_that_the_method_has_there_are_no_figures():
     found = figures(verdicts(), 'confidence')
     assert found['auc_pr'] is None and found['recall_at_100_precision'] is None
-    assert len(verdicts().curve('confidence').recall) == 0
+    assert len(verdicts().curve('confidence', 1).recall) == 0
     none = np.zeros(5, bool)
     found = figures(verdicts(known=none, correct=none, slip=none), 'score')
     assert {*found.values()} == {None}
