@@ -212,7 +212,7 @@ class VprNode(ManagedNode):
         estimate = self._answers.publish(answered)
         self._localization.update(match, estimate)
         if self._transform:
-            sigma_m = answered.recognizer.reference_map.position_sigma_m
+            sigma_m = answered.position_sigma_m(self._node_config)
             self._transform.update(answered.frame, match, estimate, sigma_m)
 
     def _on_image(self, message: RawMessage, topic: str) -> None:

@@ -104,7 +104,7 @@ def measure(made, seconds, true, drifted=None, has_position=True):
     frame = Frame(seconds * SECOND, None, pose=drifted or true)
     position = (0.0, 0.0, 0.0) if has_position else None
     relative = RelativePose((0.0, 0.0, 0.0, 1.0), position, None, NOISE, 50)
-    made.transform.update(frame, Mock(relative_pose=relative), PoseEstimate(goal, NOISE))
+    made.transform.update(frame, Mock(relative_pose=relative), PoseEstimate(goal, NOISE), 0.5)
 
 
 def test_a_measured_transform_moves_with_odometry(made):
@@ -120,7 +120,7 @@ def test_a_measured_transform_moves_with_odometry(made):
     made.transform._output.stamp_ns = stamp_ns
     values = made.transform.values
     assert values['map_to_odom_age_s'] == 2.0
-    made.transform.update(Frame(9 * SECOND, None), Mock(relative_pose=None), None)
+    made.transform.update(Frame(9 * SECOND, None), Mock(relative_pose=None), None, 0.5)
     assert made.transform.values['map_to_odom_age_s'] == 7.0  # odometry stopped, images did not
 
 
@@ -130,20 +130,15 @@ def test_the_sigma_of_map_to_odom_is_of_now(made):
         return values['map_to_odom_sigma_m'], values['map_to_odom_sigma_rad']
 
     measure(made, 1, at(0.0))
-    config = NodeConfig()
-    metres, radians = config.position_sigma_m, config.heading_sigma_rad
-    assert sigmas() == pytest.approx((math.hypot(0.1, metres), math.hypot(0.01, radians)))
-    for of_map, larger in ((metres / 2, metres), (4.0, 4.0)):
-        frame = Frame(SECOND, None, pose=at(0.0))
-        made.transform.update(frame, Mock(relative_pose=None), None, of_map)
-        assert sigmas()[0] == pytest.approx(math.hypot(0.1, larger))
+    radians = NodeConfig().heading_sigma_rad
+    assert sigmas() == pytest.approx((math.hypot(0.1, 0.5), math.hypot(0.01, radians)))
     for seconds, x in ((2, 10.0), (3, 20.0)):  # nothing is recognised: odometry drifts
         frame = Frame(seconds * SECOND, None, pose=at(x))
-        made.transform.update(frame, Mock(relative_pose=None), None)
-    assert sigmas()[0] == pytest.approx(math.hypot(0.1, metres, 20 * 0.05))
+        made.transform.update(frame, Mock(relative_pose=None), None, 4.0)
+    assert sigmas()[0] == pytest.approx(math.hypot(0.1, 4.0, 20 * 0.05))
     measure(made, 4, at(60.0), at(20.0))  # carried, or a false place
     assert sigmas()[0] > 40
-    made.transform.update(Frame(SECOND // 2, None), Mock(relative_pose=None), None)
+    made.transform.update(Frame(SECOND // 2, None), Mock(relative_pose=None), None, 0.5)
     assert sigmas() == (math.inf, math.inf)
 
 

@@ -36,20 +36,20 @@ class MeasuredTransform:
         self._lock = Lock()
         self._moved: Matrix | None = None  # (4, 4), pose of the frame of odometry in the map
         self._covariance = np.zeros((6, 6))  # of the base, in its axes; x, y, z, turns
-        self._config, self._of_map_m = config, 0.0
+        self._of_map = 0.0, config.heading_sigma_rad
         self._last = self._newest = np.eye(4)  # base in odometry, at the last measurement, and now
         self._off = np.zeros(6)  # of the newest measurement, if it was outside
         self._measured_ns, self._newest_ns, self._outside = 0, 0, 0
 
     def update(
-        self, frame: Frame, match: Match, estimate: PoseEstimate | None, of_map_m: float = 0.0
+        self, frame: Frame, match: Match, estimate: PoseEstimate | None, of_map_m: float
     ) -> None:
         """
         Take in a frame, and its match if its pose was measured in metres, by odometry.
 
-        `of_map_m` is the standard deviation of positions as the map tells it.
+        `of_map_m` is the standard deviation of positions in the map.
         """
-        self._newest_ns, self._of_map_m = frame.stamp_ns, of_map_m
+        self._newest_ns, self._of_map = frame.stamp_ns, (of_map_m, self._of_map[1])
         if frame.pose:
             self._newest = matrix(frame.pose)
         relative, pose = match.relative_pose, frame.pose
@@ -107,9 +107,7 @@ class MeasuredTransform:
             return {}
         with self._lock:
             now = self._covariance + self._drift(self._newest)
-            metres, radians = self._config.position_sigma_m, self._config.heading_sigma_rad
-            of_map = [max(metres, self._of_map_m)] * 3 + [radians] * 3
-            variances = now.diagonal() + np.square(of_map) + self._off**2
+            variances = now.diagonal() + np.repeat(np.square(self._of_map), 3) + self._off**2
             metres, radians = (
                 math.sqrt(float(variances[part].max())) for part in (slice(0, 3), slice(3, 6))
             )

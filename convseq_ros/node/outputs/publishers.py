@@ -60,6 +60,10 @@ class Answered:
     duration_ms: float  # of the work
     latency_ms: float  # since the image arrived
 
+    def position_sigma_m(self, config: NodeConfig) -> float:
+        """Return the standard deviation of positions in the map: the larger one that is told."""
+        return max(config.position_sigma_m, self.recognizer.reference_map.position_sigma_m)
+
 
 class MatchPublishers:
     """The topics of results; a message is made only if somebody subscribes to its topic."""
@@ -122,8 +126,8 @@ class MatchPublishers:
         place = reference_map.places[accepted.reference_index].pose
         if match.pose is None or place is None:
             return None
-        sigma_m = max(config.position_sigma_m, reference_map.position_sigma_m)
-        estimate = with_map_errors(match.pose, place, sigma_m, config.heading_sigma_rad)
+        sigma_m, sigma_rad = answered.position_sigma_m(config), config.heading_sigma_rad
+        estimate = with_map_errors(match.pose, place, sigma_m, sigma_rad)
         self._send('~/pose', partial(pose_message, match, estimate, config.map_frame))
         return estimate
 
