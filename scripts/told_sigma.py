@@ -111,8 +111,7 @@ class ByNode:
     """`vpr_node` with `publish_tf`."""
 
     def __init__(self, position_sigma_m: float) -> None:
-        config = NodeConfig(position_sigma_m=position_sigma_m)
-        self._transform = MeasuredTransform(Mock(), config)
+        self._transform, self._of_map_m = MeasuredTransform(Mock(), NODE), position_sigma_m
         self._sent: Matrix | None = None
         self._transform._output = Mock(publish=self._keep, stamp_ns=0)
 
@@ -122,7 +121,7 @@ class ByNode:
     def hear(self, heard: Heard) -> None:
         """Take in a frame and its match."""
         assert heard.match
-        self._transform.update(heard.frame, heard.match, heard.estimate)
+        self._transform.update(heard.frame, heard.match, heard.estimate, self._of_map_m)
         self._transform.on_odometry(heard.frame.stamp_ns, 'odom')
 
     def told(self) -> Told | None:

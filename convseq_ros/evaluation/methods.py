@@ -91,6 +91,8 @@ def parse_method(text: str) -> MethodName:
             f'method {text!r}: expected a name and options, for example convseq, '
             "'convseq k=10' or 'scores file=net.npy k=dynamic label=net'"
         ) from None
+    if len(options) < len(words):
+        raise ConfigError(f'method {text!r}: gives an option twice; leave one out')
     parts = [f'{key * value.isdigit()}{value}' for key, value in options.items()]
     label = options.pop('label', '') or re.sub(r'[^\w.-]+', '_', '-'.join([kind, *parts]))
     if not re.fullmatch(r'\w[\w.-]*', label):
@@ -125,7 +127,8 @@ class Sweep:
         """Return every method with each value in turn; the value ends its label."""
         labels = {text: parse_method(text).label for text in texts}
         return [
-            f'{text} {self.option}={value} label={label}-{self.option}{value}'
+            f'{re.sub("label=[^ ]*", "", text)} {self.option}={value} '
+            f'label={label}-{self.option}{value}'
             for text, label in labels.items()
             for value in self.values
         ]
@@ -296,7 +299,7 @@ def cosine_scores(
 
 
 def _unit(rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    length = np.linalg.norm(rows.astype(np.float64), axis=1, keepdims=True)
     return np.divide(rows, length, out=np.zeros_like(rows), where=length > 0)
 
 

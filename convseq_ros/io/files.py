@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads small files of unknown origin: the declared size is checked before anything is read."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, MISSING
 from functools import partial
@@ -16,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 Record = TypeVar('Record')
+_HEAD_BYTES = 100
 
 
 def read_yaml(path: Path, reading: ReadingConfig = ReadingConfig()) -> Mapping[str, Any]:
@@ -23,11 +25,11 @@ def read_yaml(path: Path, reading: ReadingConfig = ReadingConfig()) -> Mapping[s
     Return the mapping in a YAML file; or ConfigError.
 
     Aliases are refused, which ROS does not read either: with them a few lines can expand to
-    terabytes.
+    terabytes. So are keys that a mapping has twice.
     """
     yaml = load('yaml', f'{path}:', ConfigError)
     try:
-        data = read_bytes(path, 'a YAML file', partial(reading.refuse_file, cost=AS_YAML))
+        data = read_bytes(path, 'a YAML file', partial(_refuse_no_yaml, reading))
         loader = yaml.SafeLoader(data.decode('utf-8'))
         content = _plain(loader, path)
         repr(content)  # no message could tell an integer of thousands of digits
@@ -42,8 +44,15 @@ def read_yaml(path: Path, reading: ReadingConfig = ReadingConfig()) -> Mapping[s
     return content
 
 
+def _refuse_no_yaml(reading: ReadingConfig, path: Path, size_bytes: int) -> None:
+    with path.open('rb') as file:
+        if b'\0' in file.read(_HEAD_BYTES):
+            raise SourceError(f'{path}: is no text, but like a map or a picture; give a YAML file')
+    reading.refuse_file(path, size_bytes, AS_YAML)
+
+
 def _plain(loader: Any, path: Path) -> Any:
-    """Return the content that a loader reads; ConfigError if it has an alias."""
+    """Return the content that a loader reads; ConfigError if it has an alias or a key twice."""
     import yaml
 
     compose = loader.compose_node
@@ -51,7 +60,13 @@ def _plain(loader: Any, path: Path) -> Any:
     def compose_node(parent: Any, index: Any) -> Any:
         if loader.check_event(yaml.AliasEvent):
             raise ConfigError(f'{path}: has an alias, such as *name; write its content instead')
-        return compose(parent, index)
+        node = compose(parent, index)
+        pairs = node.value if isinstance(node, yaml.MappingNode) else []
+        keys = Counter(key.value for key, _ in pairs if isinstance(key, yaml.ScalarNode))
+        for key, count in keys.most_common(1):
+            if count > 1:
+                raise ConfigError(f'{path}: has {key[:40]!r} {count} times; leave one')
+        return node
 
     loader.compose_node = compose_node
     try:

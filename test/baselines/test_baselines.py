@@ -218,7 +218,8 @@ def test_every_reference_is_in_one_island_of_those_less_than_three_apart(referen
 
 def test_the_cosine_of_a_vector_is_one_with_itself_and_zero_with_nothing():
     rows = np.array([[3, 4], [0, 0], [-6, -8]], np.float32)
-    assert cosine_scores(rows[:1], rows).tolist() == [[1, 0, -1]]
+    for scale in np.float32((1, 1e-25, 1e25)):
+        assert cosine_scores(rows[:1] * scale, rows * scale).tolist() == [[1, 0, -1]]
 
 
 PICKLE = (

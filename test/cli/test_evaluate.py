@@ -85,6 +85,11 @@ def test_a_sweep_of_several_methods_keeps_their_labels(street, capsys):
     assert names == [f'{name}-min_length{value}' for name in ('one', 'hog') for value in (2, 3)]
 
 
+def test_an_option_that_a_method_has_twice_is_refused(street, capsys):
+    assert evaluate(street, street, '--method', 'convseq k=2 k=3') == 1
+    assert "method 'convseq k=2 k=3': gives an option twice" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize('text', ['k', 'k=1', 'k=3..2', 'k=1..x', '=1..2', 'k=0..99999'])
 def test_a_sweep_without_a_range_is_refused_in_one_line(street, capsys, text):
     assert evaluate(street, street, '--sweep', text) == 1
@@ -101,7 +106,7 @@ def test_results_of_several_people_are_put_in_one_table(street, capsys):
     assert evaluate(street, street, '--method', 'cohog', '--method', 'hog') == 0
     files = [*(street.parent / 'out' / 'street').glob('*/summary.json')]
     one = json.loads(files[0].read_text())
-    assert one['protocol_version'] == 2 and one['accuracy_all'] == 1
+    assert one['protocol_version'] == 3 and one['accuracy_all'] == 1
     assert one['images']['query'] == one['images']['reference']
     listing = ''.join(
         f'{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n'
@@ -119,7 +124,7 @@ def test_results_of_several_people_are_put_in_one_table(street, capsys):
 @pytest.mark.parametrize(
     ('change', 'problem'),
     [
-        ({'protocol_version': 1}, 'b.json: protocol version 1, and this program has 2'),
+        ({'protocol_version': 1}, 'b.json: protocol version 1, and this program has 3'),
         ({'images': {'query': 'other'}}, 'b.json: street has other images than in the results'),
         ({'truth': 'other'}, 'b.json: street has another truth, or part of the map, than'),
         ({'criterion': 'margin'}, 'b.json: street has another criterion than in the results'),
@@ -128,7 +133,7 @@ def test_results_of_several_people_are_put_in_one_table(street, capsys):
     ],
 )
 def test_figures_that_cannot_be_compared_are_refused(tmp_path, capsys, change, problem):
-    own = {'set': 'street', 'method': 'a', 'protocol_version': 2, 'images': {'query': 'one'}}
+    own = {'set': 'street', 'method': 'a', 'protocol_version': 3, 'images': {'query': 'one'}}
     own |= {'truth': 'one', 'criterion': 'score'}
     (tmp_path / 'a.json').write_text(json.dumps(own))
     (tmp_path / 'b.json').write_text('[]' if change is None else json.dumps(own | change))

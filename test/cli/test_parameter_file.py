@@ -59,6 +59,7 @@ def test_sections_of_one_node_are_read_in_the_order_of_the_file(read, text):
         ('/**: {ros__parameters: {fixed_lenght: 3}}', 'did you mean fixed_length?'),
         ('/**:\n  ros__parameters: 3', 'not a ROS parameter file'),
         ('{', 'not YAML'),
+        ('/**: {a: 1, b: 2, a: 1}', "has 'a' 2 times; leave one"),
         ('/**: &own\n  ros__parameters: *own', 'has an alias'),
         ('[' * 1_000, 'nested too deeply'),
         (f'/**:\n  ros__parameters: {{threads: 0x{"f" * 4000}}}', 'not YAML'),

@@ -53,6 +53,12 @@ def test_a_callable_descriptor_finds_places_and_geometry_verifies_them(frames):
     assert len(places) > 0.8 * COUNT and places == sorted(places)
 
 
+@pytest.mark.parametrize('scale', [1e-25, 1e25])
+def test_a_vector_of_any_scale_gets_unit_length(frames, scale):
+    built = build_map(frames(0, 1), None, CONFIG, describe=lambda image: scale * small(image))
+    assert np.linalg.norm(built.global_descriptors[0]) == pytest.approx(1, abs=1e-3)
+
+
 def test_vectors_outlive_a_file_and_all_that_is_done_to_it(frames, tmp_path):
     first, second = tmp_path / 'a.db', tmp_path / 'b.db'
     for path, seed in ((first, 0), (second, 1)):

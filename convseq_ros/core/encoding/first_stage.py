@@ -129,7 +129,8 @@ class FirstStage:
         if not vector.any() and image.min() < image.max():
             raise ModelError('descriptor_model: its vector is all zeros; check its output')
         self._numbers = len(vector)
-        return replace(descriptor, vector=unit(vector).astype(np.float16))
+        vector = unit(vector.astype(np.float64))  # squares of float32 are no float32
+        return replace(descriptor, vector=vector.astype(np.float16))
 
     def _image(self, frame: Frame) -> npt.NDArray[np.uint8]:
         """Return the frame's image for the model; masked cells are grey."""
