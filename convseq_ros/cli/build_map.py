@@ -21,6 +21,7 @@ from convseq_ros.cli.options import (
     note,
     progress,
     quoted,
+    refuse_name,
     say,
     tells_what_is_kept,
     warn,
@@ -131,6 +132,10 @@ def run(chosen: argparse.Namespace) -> int:
         raise ConfigError('max_looks: needs links; leave out --no-links')
     if chosen.each and chosen.session is not None:
         raise ConfigError('--each: sessions are named by their recordings; leave out --session')
+    if chosen.session is not None:
+        refuse_name(chosen.session)
+    if chosen.pose_frame is not None and (why := _why_no_pose(chosen)):
+        raise ConfigError(f'--pose-frame: {why}')
     with tells_what_is_kept(chosen.map):
         built = build(
             chosen.recording,
@@ -158,8 +163,8 @@ def run(chosen: argparse.Namespace) -> int:
                 'to recognise a drive; the others show nothing new by this image_size_px and '
                 'keyframe_overlap'
             )
-        if built.added and not (built.with_pose or chosen.odom or chosen.poses):
-            print(f'no poses: {_why_no_pose(chosen)}')
+        if why := _why_no_pose(chosen):
+            print(why)
     if built.interrupted:
         print('convseq build-map: interrupted; the map holds what was added', file=sys.stderr)
     return int(built.interrupted)
@@ -231,13 +236,15 @@ def _sessions(
 
 
 def _why_no_pose(chosen: argparse.Namespace) -> str:
+    """Return why no place has a pose, and the remedy; empty if poses were asked for."""
+    if chosen.odom or chosen.poses:
+        return ''
     topics: list[str] = []
     if not chosen.each:
         facts = describe_recording(chosen.recording, chosen_reading(chosen))
         topics = facts.get('use', {}).get('--odom', [])
     remedy = ' or '.join(f'--odom {quoted(topic)}' for topic in topics)
-    remedy = remedy or '--odom TOPIC or --poses FILE'
-    return f'none were asked for; add {remedy}'
+    return f'no poses: none were asked for; add {remedy or "--odom TOPIC or --poses FILE"}'
 
 
 def _settings() -> dict[str, list[Parameter]]:

@@ -18,6 +18,7 @@ from convseq_ros.cli.replay_report import ReplayReport
 from convseq_ros.config import Config
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.errors import ConvseqError
+from convseq_ros.io.output_file import make_folder
 from convseq_ros.io.results import read_results
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.recording import write_recording
@@ -81,11 +82,12 @@ def run(chosen: argparse.Namespace) -> int:
 
 def make_empty(folder: Path, marker: str) -> None:
     """Make an empty folder; ConvseqError if it has content, but no marker of an earlier demo."""
+    make_folder(folder)
     mark = folder / marker
-    if folder.exists() and any(folder.iterdir()) and not mark.is_file():
+    if any(folder.iterdir()) and not mark.is_file():
         raise ConvseqError(f'{folder}: exists and is not of an earlier demo; choose another')
     shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+    make_folder(folder)
     mark.touch()
 
 

@@ -23,6 +23,7 @@ from convseq_ros.core.map.writer import replaced
 from convseq_ros.core.similarity.feature_cache import usable_cores
 from convseq_ros.errors import ConvseqError, FleetError, MapError, SourceError
 from convseq_ros.fleet.cluster import finished_jobs, started
+from convseq_ros.io.output_file import make_folder
 from convseq_ros.models.onnx_model import open_model
 from convseq_ros.sources.recording_names import recordings_in
 
@@ -47,7 +48,7 @@ def run(chosen: argparse.Namespace) -> int:
         raise FleetError(f'--workers {chosen.workers}: needs at least 1')
     config, maps = chosen_settings(chosen), _maps(chosen.folder, chosen.output)
     kept, failed, jobs = dict[str, int](), dict[str, str](), dict[str, Job]()
-    chosen.output.mkdir(parents=True, exist_ok=True)
+    make_folder(chosen.output)
     for path, recording in maps.items():
         try:
             if path.exists() and (places := len(_opened(path, config))):

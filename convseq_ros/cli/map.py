@@ -11,7 +11,7 @@ import re
 
 from convseq_ros.cli import map_link
 from convseq_ros.cli.info import describe_map, in_short
-from convseq_ros.cli.options import add_max_looks, add_verb
+from convseq_ros.cli.options import add_max_looks, add_verb, refuse_name
 from convseq_ros.cli.outputs import add_output
 from convseq_ros.core.map.edit import prune_looks, pruned, rename_session, unlink
 from convseq_ros.core.map.reader import open_map
@@ -25,11 +25,10 @@ from convseq_ros.core.map.session_slice import (
 )
 from convseq_ros.core.map.writer import refuse_existing, rewrite, save_map
 from convseq_ros.errors import MapError, NO_PLACES
-from convseq_ros.io.output_file import ANY
+from convseq_ros.io.output_file import ANY, make_folder
 
 _SESSION = 'name, number or id of a session, as `convseq info` shows it'
 _UNUSUAL = re.compile(r'[^\w.-]+')  # in the name of a file
-_MOST_CHARACTERS = 200  # of a session's name
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -120,7 +119,7 @@ def _split(chosen: argparse.Namespace) -> None:
             path = folder / f'{name}-{part.number}.db'
         refuse_existing(path)
         files[path] = part
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     for path, part in files.items():
         save_map(joined([part]), path, is_new=True)
     _report(chosen, *files)
@@ -145,8 +144,7 @@ def _without_sessions(chosen: argparse.Namespace, opened: ReferenceMap) -> Refer
 def _rename(chosen: argparse.Namespace) -> None:
     slices = required_slices(chosen.map)
     part, name = chosen_slice(slices, chosen.session), chosen.name
-    if not name.isprintable() or not 0 < len(name) <= _MOST_CHARACTERS:
-        raise MapError(f'name: {name!a} is not a line of 1 to {_MOST_CHARACTERS} characters')
+    refuse_name(name)
     if any(other.session.name == name for other in slices if other is not part):
         raise MapError(f'{chosen.map}: another session is called {name!r}; take another name')
     rename_session(replace(part, session=replace(part.session, name=name)))

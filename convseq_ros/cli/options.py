@@ -18,11 +18,12 @@ from convseq_ros.config.parameter import add_parameters, given, parameters, Valu
 from convseq_ros.config.reading_config import chosen_reading
 from convseq_ros.core.encoding.mask import masked
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.errors import MapError, printable
+from convseq_ros.errors import ConfigError, MapError, printable
 from convseq_ros.io.mask_file import read_mask
 from convseq_ros.sources.mount import Tf
 
 Item = TypeVar('Item')
+_MOST_CHARACTERS = 200  # of a session's name
 
 
 def add_verb(
@@ -96,6 +97,12 @@ def chosen_config(
     values = read_parameter_file(chosen.config, reading) if chosen.config else {}
     config = make_config({**(otherwise or {}), **values, **given(chosen, core_parameters())})
     return masked(config, read_mask(config))
+
+
+def refuse_name(name: str) -> None:
+    """Raise a ConfigError for a new name of a session that is no short line."""
+    if not name.isprintable() or not 0 < len(name) <= _MOST_CHARACTERS:
+        raise ConfigError(f'name: {name!a} is not a line of 1 to {_MOST_CHARACTERS} characters')
 
 
 def progress(items: Iterable[Item], total: int, name: str, unit: str = 'frames') -> Iterator[Item]:

@@ -29,6 +29,7 @@ from convseq_ros.evaluation.scorecard import (
     threshold_figures,
 )
 from convseq_ros.evaluation.table import table_of
+from convseq_ros.io.output_file import make_folder
 import numpy as np
 
 DEFAULT_METHODS = ('convseq', 'convseq k=10', 'cohog', 'seqslam', 'hog')
@@ -74,8 +75,8 @@ def evaluate(
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(f'{name}: two data sets have this name; rename one')
-    if plan.cache:
-        plan.cache.mkdir(parents=True, exist_ok=True)
+    for folder in filter(None, (plan.cache, output)):
+        make_folder(folder)
     summaries, sections = list[Summary](), list[Section]()
     for data_set in data_sets:
         asked = [(data_set, protocol) for protocol in plan.protocols if protocol != PAST]

@@ -82,6 +82,15 @@ def _is_ours(head: bytes) -> bool:
     return head.startswith(_MCAP_HEADER) and header.endswith(LIBRARY.encode())
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder if there is none; ConfigError if that is impossible."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise ConfigError(f'{path}: cannot be made a folder ({reason}); name another') from None
+
+
 def refuse_outputs(outputs: Iterable[OutputFile], inputs: Iterable[Path] = ()) -> None:
     """Raise a ConfigError for an output that cannot be written, or replaces another file used."""
     used = [*inputs]
