@@ -4,6 +4,7 @@
 
 from contextlib import closing
 import json
+import shutil
 import sqlite3
 
 from convseq_ros.config import KeyframeConfig
@@ -192,6 +193,14 @@ def test_one_bad_place_among_many_is_found_when_they_are_read(map_path, damage):
     with pytest.raises(MapError, match=r'reference 3 (is missing|fails its checksum)'):
         opened.packed_of([0, 3, 1])
     assert len(opened.packed_of([0, 1])) == 2
+
+
+def test_a_map_that_another_one_is_copied_over_is_not_mixed_with_it(map_path, tmp_path):
+    opened, other = open_map(map_path), tmp_path / 'other.db'
+    save_map(made(), other)
+    shutil.copyfile(other, map_path)  # which keeps the file, as `cp` does
+    with pytest.raises(MapError, match='was overwritten by another map; load it again'):
+        opened.packed(0)
 
 
 def test_unpacked_cells_are_64_times_the_packed_ones():

@@ -154,6 +154,7 @@ class Appender(MapOwner):
             self.reference_map.trail.evict(self._writer.trailed)
             self._writer.checkpoint()
             self._left = _size_and_time(self._path)
+            self._writer.reader.take_as_it_is()
 
     def _is_behind(self, end: int) -> bool:
         """Return whether places before `end`, or links of stored places, are not written yet."""

@@ -94,6 +94,7 @@ class MapReader:
         keyframes: KeyframeConfig | None = None,
     ) -> None:
         self._path, self._lock = path, Lock()
+        self.take_as_it_is()
         with as_map_error(path):
             self._open()
             self._database.check(path)
@@ -259,8 +260,31 @@ class MapReader:
 
     @contextmanager
     def _snapshot(self) -> Iterator[None]:
-        with as_map_error(self._path), self._lock, self._database.transaction():
-            yield
+        with as_map_error(self._path), self._lock:
+            self._refuse_other()
+            with self._database.transaction():
+                yield
+
+    def take_as_it_is(self) -> None:
+        """Remember the state of the file, after its owner wrote to it."""
+        self._state = _state_of(self._path)
+
+    def _refuse_other(self) -> None:
+        """Raise a MapError if another map was copied over the file; SQLite may not notice."""
+        now = _state_of(self._path)
+        is_same_file = now and self._state and now[0] == self._state[0]
+        if is_same_file and now != self._state:
+            if map_id_of(self._path) != self.settings.map_id:
+                raise MapError(f'{self._path}: was overwritten by another map; load it again')
+            self._state = now
+
+
+def _state_of(path: Path) -> tuple[int, int, int] | None:
+    """Return the number, the size and the time of the last change of a file, if it is there."""
+    with suppress(OSError):
+        status = path.stat()
+        return status.st_ino, status.st_size, status.st_mtime_ns
+    return None
 
 
 def _read_links(database: Database, path: Path, count: int, links: Links) -> str:
