@@ -112,6 +112,16 @@ def test_cleanup_during_warm_up_releases_the_map(client, managed, tmp_path, monk
         assert [each.name for each in tmp_path.iterdir()] == ['map.db']
 
 
+def test_a_call_that_waits_while_the_node_is_shut_down_ends_nothing(client, managed, map_path):
+    node, change, state = managed(map_path=map_path)
+    assert change(CONFIGURE) and change(ACTIVATE)
+    client.service(Trigger, '/vpr_node/localize').call_async(Trigger.Request())
+    client.wait_for(lambda: node._localization._waiting)
+    assert change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    client.wait_for(lambda: not node._localization._waiting)
+    assert state() == FINALIZED
+
+
 @pytest.mark.parametrize('cause', ['no map', 'an error that nobody foresaw'])
 def test_what_cannot_be_configured_is_refused_and_holds_no_map(
     managed, tmp_path, monkeypatch, cause

@@ -18,6 +18,7 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
 
@@ -147,6 +148,18 @@ class ListeningNode(Node):
             self.claim(self.resolve_topic_name(topic), Clock)
             callback = partial(self._on_clock, callback)
         return super().create_subscription(msg_type, topic, callback, *args, **kwargs)
+
+    def create_service(self, *args: Any, **kwargs: Any) -> Service:
+        """Offer a service; the answer to a call that outlives it is not sent."""
+        service: Any = super().create_service(*args, **kwargs)
+        send = service.send_response
+
+        def send_response(*answer: Any) -> None:
+            with suppress(InvalidHandle):
+                send(*answer)
+
+        service.send_response = send_response
+        return cast(Service, service)
 
     def _on_clock(self, set_time: Callable[[Clock], None], message: Clock) -> None:
         if message.clock.sec >= 0:
