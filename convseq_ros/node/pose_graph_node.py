@@ -13,7 +13,7 @@ from convseq_ros.config.pose_graph_config import PoseGraphConfig
 from convseq_ros.core.map.reader import map_id_of, open_map
 from convseq_ros.core.rigid import Matrix, matrix, pose_of
 from convseq_ros.core.types import LocalizationState, Pose
-from convseq_ros.errors import ConvseqError, with_traceback
+from convseq_ros.errors import ConvseqError, one_line, with_traceback
 from convseq_ros.io.output_file import OutputFile, refuse_outputs, TEXT
 from convseq_ros.io.regular_file import write_lines
 from convseq_ros.node.conversions import path_message, stamp_to_ns, status_message
@@ -121,9 +121,11 @@ class PoseGraphNode(ListeningNode):
                 with self._lock:
                     problem = self._graph.problem()
                 self._solve(problem)
-            with suppress(ConvseqError, OSError):
+            try:
                 if text := self._save():
                     self.get_logger().info(text)
+            except (ConvseqError, OSError) as error:
+                self.get_logger().error(one_line(error))
         super().destroy_node()
 
     def _catch_up(self) -> None:
@@ -315,8 +317,9 @@ class PoseGraphNode(ListeningNode):
 
     def _on_save(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            response.message = self._save() or 'no tum_file or g2o_file is set'
-            response.success = True
+            written = self._save()
+            nothing = 'nothing to write: tum_file and g2o_file are empty, or no odometry came'
+            response.success, response.message = bool(written), written or nothing
         except (ConvseqError, OSError) as error:
             response.message = str(error)
         return response

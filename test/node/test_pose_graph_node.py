@@ -182,7 +182,6 @@ def test_a_localised_robot_that_is_lost_may_have_been_carried(graph_node):
 
 
 def test_files_are_written_by_the_service_and_at_the_end(client, graph_node, tmp_path):
-    pytest.importorskip('gtsam')
     names = {'tum_file': 'path.txt', 'g2o_file': 'path.g2o'}
     files = {name: tmp_path / file for name, file in names.items()}
     node = graph_node(**files)
@@ -211,6 +210,17 @@ def test_files_are_written_by_the_service_and_at_the_end(client, graph_node, tmp
     client.executor.remove_node(node)
     node.destroy_node()
     assert all(path.exists() for path in files.values())
+
+
+def test_files_that_are_not_written_are_told(client, graph_node, tmp_path, capfd):
+    (folder := tmp_path / 'gone').mkdir()
+    node = graph_node(tum_file=folder / 'path.txt')
+    answer = client.call(Trigger, '/pose_graph_node/save')
+    assert not answer.success and 'nothing to write' in answer.message
+    folder.rmdir()
+    client.executor.remove_node(node)
+    node.destroy_node()
+    assert 'cannot be written: there is no folder' in capfd.readouterr().err
 
 
 @pytest.fixture
