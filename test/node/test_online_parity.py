@@ -3,6 +3,7 @@
 """What the node says is what `convseq replay` says, in a table and in a recording."""
 
 import signal
+from unittest.mock import Mock
 
 import pytest
 
@@ -13,6 +14,7 @@ from convseq_ros.cli import main
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.io.results import read_results
+from convseq_ros.node.outputs.result_recording import ResultRecording
 from convseq_ros.simulation.drive import Shot
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.sources.storage import open_storage
@@ -133,3 +135,11 @@ def test_the_recorded_answers_hold_the_values_of_the_table(mapped, tmp_path):
     counts = {name: topic.count for name, topic in storage.topics.items()}
     assert accepted and counts['/vpr_node/pose'] == counts['/vpr_node/loop_closure'] == accepted
     assert counts['/vpr_node/debug_image'] == counts['/vpr_node/markers'] == 30
+
+
+def test_recorded_answers_that_find_no_room_are_named_and_leave_nothing(tmp_path, monkeypatch):
+    full = Mock(side_effect=OSError(28, 'No space left on device'))
+    monkeypatch.setattr('mcap.writer.Writer.finish', full)
+    with pytest.raises(OSError, match=r'x\.mcap'), ResultRecording(tmp_path / 'x.mcap'):
+        pass
+    assert not [*tmp_path.iterdir()]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records what the node would publish, without a node: `replay --output FILE.mcap`."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
@@ -22,21 +23,22 @@ class ResultRecording:
     """Writes the node's topics to an mcap file, with the stamps of the frames."""
 
     def __init__(self, path: Path) -> None:
-        self._file = complete_or_absent(path)
-        self._stamp_ns = 0
+        self._path, self._stamp_ns = path, 0
+        self._opened = ExitStack()
 
     def __enter__(self) -> Self:
         # Imported here because the node does not need it, and Ubuntu does not package it.
         from mcap.writer import Writer
 
-        self._writer: Any = Writer(str(self._file.__enter__()))
+        part = self._opened.enter_context(complete_or_absent(self._path))
+        self._writer: Any = Writer(self._opened.enter_context(part.open('wb')))
         self._writer.start(profile='ros2', library=LIBRARY)
+        self._opened.callback(self._writer.finish)
         self._publishers = MatchPublishers(self, NodeConfig(), str)  # type: ignore[arg-type]
         return self
 
     def __exit__(self, *error: Any) -> None:
-        self._writer.finish()
-        self._file.__exit__(*error)
+        self._opened.__exit__(*error)
 
     def write(
         self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
