@@ -17,7 +17,7 @@ import time
 from bench.finding import cells, COLUMNS, table
 from bench.machine import described
 from bench.material import Work
-from bench.page import summary, write_earlier, write_page
+from bench.page import robots, write_earlier, write_page
 from bench.part import PARTS, run
 
 SIZES = 1_000, 10_000, 100_000
@@ -62,8 +62,7 @@ def _measure(chosen: argparse.Namespace, folder: Path) -> None:
     text = f'{{"about": {json.dumps(about)},\n"findings": [\n{lines}\n]}}\n'
     chosen.json.write_text(text, encoding='utf-8')
     print(table([[*COLUMNS], *map(cells, findings)]))
-    for part in summary({'about': about, 'findings': findings}):
-        print(f'\n{table(part)}')
+    print(f'\n{table(robots({"about": about, "findings": findings}))}')
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -11,7 +11,7 @@ from typing import Any
 from convseq_ros.evaluation.provenance import short
 
 from bench.arm import section
-from bench.finding import cells, COLUMNS, number, Row, table
+from bench.finding import cells, number, Row, table
 from bench.part import PARTS
 from bench.parts import between
 
@@ -24,35 +24,33 @@ ROBOTS = {
     'AVX-VNNI (laptops since 2021)': (500.0, 3.5),
 }
 _KEYFRAMES_HZ, _RATE_HZ = 8, 30
-_ROBOT_PEAK = 142.0  # GOP/s of a typical robot's core, between the first two
 _HEAD = """\
 # Speed
 
 How long does a frame take, also on a robot's processor, and how much memory does a map need?
-`docs/performance.json` has all that was measured, with quartiles and stages.
+`docs/performance.json` has all that was measured, with quartiles.
 
 <!-- not run here: takes ten minutes -->
 ```bash
 make bench                     # measure, and write this page
-make board                     # two minutes: the first two tables for the machine at hand
+make board                     # two minutes: the first table for the machine at hand
 ```
 
 """
 _SPLIT = """
-*Computed* from a measured split: kernels of pair scores (*by peak*) scale with the integer peak,
-the rest (*by clock*) with the clock. A core that does less in a cycle takes longer. The share of a
-core is that of a camera of 30 Hz with 8 keyframes a second.
+The share of a core is that of a camera of 30 Hz with 8 keyframes a second. All but this machine is
+*computed*: pair scores scale with the integer peak, the rest with the clock. A core that does less
+in a cycle takes longer.
 """
 _BESIDE = 'performance_beside.json'  # what frames took at earlier commits
 _MILLION = 1_000_000
-MAIN = 0, 1, 3  # columns
 _ADVICE = """
 ## On a robot
 
-* `/diagnostics` names the kernel in use; [install](howto/install.md) says how to get them.
+* `/diagnostics` names the kernel in use.
 * Programs of your own around the core should set `OPENBLAS_NUM_THREADS=1` and
   `OPENCV_FOR_THREADS_NUM=1`, as `vpr_node` and `convseq` do.
-* `threads: 0` uses up to two cores. `taskset -c 3` keeps the node to one.
+* `taskset -c 3` keeps the node to one core.
 * Raw images are [delivered](TOPICS.md#delivery-of-images) by shared memory.
 
 `make board` writes `board.json`. Please send it.
@@ -62,17 +60,10 @@ _ADVICE = """
 def write_page(measured: Mapping[str, Any], docs: Path) -> None:
     """Write the document."""
     rows = measured['findings']
-    parts = [_HEAD + _machine(measured), *map(table, summary(measured)), _SPLIT]
-    parts.append(table(stages(rows)))
+    parts = [_HEAD + _machine(measured), table(robots(measured)), _SPLIT, table(stages(rows))]
     if (docs / _BESIDE).exists():
-        parts.append(table(beside(rows, json.loads((docs / _BESIDE).read_text(encoding='utf-8')))))
-    # The main figures are those that have a target; targets are told in the JSON only.
-    aimed = [row for row in rows if row['most'] is not None or row['least'] is not None]
-    # Frames are told above; other kernels and threads repeat these.
-    main = [row for row in aimed if row['part'] != 'frames' and is_main(row)]
-    shown = [[cells(row)[column] for column in MAIN] for row in main]
-    parts.append(table([[COLUMNS[column] for column in MAIN], *shown]))
-    parts.append(of_a_city(rows))
+        parts.append(beside(rows, json.loads((docs / _BESIDE).read_text(encoding='utf-8'))))
+    parts += [table(main(rows)), of_a_city(rows)]
     if absent := [name for name in PARTS if name not in {row['part'] for row in rows}]:
         parts.append(f'Not measured here: {", ".join(absent)}.\n')
     parts.append(_ADVICE)
@@ -92,30 +83,39 @@ def write_earlier(paths: Iterable[Path], docs: Path) -> None:
     (docs / _BESIDE).write_text(json.dumps(kept, indent=1) + '\n', encoding='utf-8')
 
 
-def beside(rows: Iterable[Row], earlier: Iterable[Mapping[str, Any]]) -> list[list[str]]:
-    """Return a table of frames here and at earlier commits, head first."""
-    now, before = _frames(rows), list(earlier)
-    lines = [['frame', 'here, ms']]
-    lines[0] += [head for one in before for head in (f'at {one["commit"]}, ms', 'times that')]
-    for what, here_ms in now.items():
-        line = [what, number(here_ms)]
-        for one in before:
-            then_ms = one['frames'].get(what)
-            line += [number(then_ms), f'{here_ms / then_ms:.2f}'] if then_ms else ['', '']
-        lines.append(line)
-    return lines
+def beside(rows: Iterable[Row], earlier: Iterable[Mapping[str, Any]]) -> str:
+    """Return what frames of all sizes took at earlier commits."""
+    now, told = _frames(rows), []
+    for one in earlier:
+        times = (one['frames'].get(what) for what in now)
+        text = ', '.join('-' if time is None else number(time) for time in times)
+        told.append(f'{text} ms at {one["commit"]}')
+    return f'The same frames took {", and ".join(told)}.\n'
 
 
 def stages(rows: Iterable[Row]) -> list[list[str]]:
-    """Return a table of where the time of a frame goes, head first."""
+    """Return a table of where the time of a frame goes, in a map of middle size, head first."""
     by_size = dict[str, dict[str, float]]()
     for row in rows:
         what, _, kind = row['what'].rpartition(', ')
         if kind == 'by stage' and is_main(row):
             by_size.setdefault(what, {})[row['side']] = row['value']
-    names = dict.fromkeys(stage for one in by_size.values() for stage in one)
-    lines = ([name, *(number(one[name]) for one in by_size.values())] for name in names)
-    return [['stage, ms', *by_size], *lines]
+    for what in [*by_size][len(by_size) // 2 :]:
+        lines = ([name, number(value)] for name, value in by_size[what].items())
+        return [['stage', f'{what}, ms'], *lines]
+    return []
+
+
+def main(rows: Iterable[Row]) -> list[list[str]]:
+    """Return a table of the main figures, those that have a target, head first."""
+    by_what = dict[str, list[str]]()
+    for row in rows:
+        aimed = row['most'] is not None or row['least'] is not None
+        # Frames are told above; other kernels and threads repeat these.
+        if aimed and row['part'] != 'frames' and is_main(row):
+            what, side, _, measured, *_ = cells(row)
+            by_what.setdefault(what, []).append(f'{side}: {measured}')
+    return [['what', 'measured'], *([what, '; '.join(told)] for what, told in by_what.items())]
 
 
 def _frames(rows: Iterable[Row]) -> dict[str, float]:
@@ -131,24 +131,14 @@ def is_main(row: Row) -> bool:
     return not row['kernels'] and row['threads'] == 1
 
 
-def summary(measured: Mapping[str, Any]) -> list[list[list[str]]]:
-    """Return two tables, heads first: frames by places, and computed times on robots."""
+def robots(measured: Mapping[str, Any]) -> list[list[str]]:
+    """Return a table of times of frames, here and computed for robots, head first."""
     rows = [row for row in measured['findings'] if not row['kernels']]
     frames = [row for row in rows if row['part'] == 'frames' and row['side'] == 'whole']
     by_side = {(row['what'], row['side']): row['value'] for row in rows}
     here = (_value(rows, 'peak of a core, int8') or 0.0, measured['about']['machine']['clock_ghz'])
-    first = [['frame', 'here, ms', 'by peak, ms', 'by clock, ms', 'pairs', 'GOP', 'at 142 GOP/s']]
     sizes = [row['what'].rpartition('= ')[2] for row in frames]
-    second = [['processor class', 'GOP/s', 'GHz', *(f'R = {size}' for size in sizes)]]
-    for row in frames:
-        split = [
-            by_side[row['what'], side]
-            for side in ('scales with the integer peak', 'scales with the clock')
-        ]
-        also = [by_side[row['what'], side] for side in ('pairs in full', 'operations')]
-        at_142 = split[0] * here[0] / _ROBOT_PEAK + split[1] if here[0] else None
-        numbers = [row['value'], *split, *also]
-        first.append([row['what'], *map(number, numbers), _text(at_142, ' ms')])
+    lines = [['processor class', 'GOP/s', 'GHz', *(f'R = {size}' for size in sizes)]]
     idle_ms = _value(rows, 'between', between.BY_SCENE) or 0.0
     machines = {'this machine': here} | ROBOTS
     for name, (peak, clock) in machines.items() if all(here) else ():
@@ -160,8 +150,8 @@ def summary(measured: Mapping[str, Any]) -> list[list[list[str]]]:
             rest_ms = (_RATE_HZ - _KEYFRAMES_HZ) * idle_ms * slower
             percent = (_KEYFRAMES_HZ * frame_ms + rest_ms) / 10
             times.append(f'{number(frame_ms)} ms, {percent:.0f} %')
-        second.append([name, number(peak), number(clock), *times])
-    return [first, second]
+        lines.append([name, number(peak), number(clock), *times])
+    return lines
 
 
 def of_a_city(rows: Iterable[Row]) -> str:

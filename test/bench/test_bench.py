@@ -147,26 +147,23 @@ def test_every_part_measures_and_the_page_is_written(tmp_path):
     page = (tmp_path / 'PERFORMANCE.md').read_text(encoding='utf-8')
     aimed = [row for row in measured['findings'] if is_met(row) is not None]
     wanted = [
-        f'| {row["what"]} | {row["side"]} |'
+        f'\\| {re.escape(row["what"])} \\|.* {re.escape(row["side"])}: '
         for row in aimed
         if is_main(row) and row['part'] != 'frames'
     ]
-    assert wanted and all(row in page for row in wanted)
+    assert wanted and all(re.search(row, page) for row in wanted)
     assert 'missed' not in page and 'at most' not in page  # targets are for developers
     assert all(f'| {name} |' in page for name in ROBOTS) or not library().variant
     assert 'Not measured' not in page
     assert re.search(r'\| covisibility \| [0-9.e-]+ \|', page)  # of one size
 
 
-def test_a_frame_is_told_beside_those_of_earlier_commits():
+def test_frames_of_earlier_commits_are_told_by_size():
     row = {'part': 'frames', 'side': 'whole', 'kernels': '', 'threads': 1, 'value': 9.0}
     rows = [{**row, 'what': 'frame, R = 48'}, {**row, 'what': 'frame, R = 96', 'value': 10.0}]
     rows.append({**rows[0], 'kernels': 'numpy', 'value': 50.0})
     earlier = {'commit': 'bd64ee3d', 'frames': {'frame, R = 48': 12.0}}
-    assert beside(rows, [earlier])[1:] == [
-        ['frame, R = 48', '9', '12', '0.75'],
-        ['frame, R = 96', '10', '', ''],
-    ]
+    assert beside(rows, [earlier]) == 'The same frames took 12, - ms at bd64ee3d.\n'
 
 
 def test_a_city_lies_on_the_line_through_the_two_largest_maps():
