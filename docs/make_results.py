@@ -24,9 +24,7 @@ BEGIN, END = '<!-- written by make results -->', '<!-- end of what make results 
 OURS = 'ours'
 METHODS = {
     OURS: ('**ours**, sequences', 'convseq'),
-    'verified': ('**ours**, single images, best of 10 by verification', 'verified'),
-    'driven': ('**ours**, single images, with the drive', 'convseq k=1 search=exhaustive'),
-    'single': ('**ours**, single images, nothing but the image', 'single'),
+    'single': ('**ours**, single images', 'single'),
     'paper': ("the paper's method, sequences", 'paper'),
     'cohog': ("CoHOG: the paper's pair score, single images", 'cohog'),
     'seqslam': ('SeqSLAM', 'seqslam'),
@@ -150,7 +148,9 @@ def _accuracy(runs: Sequence[Summary]) -> Iterable[str]:
         [METHODS[name][0], *(_right(of[one, name]) if (one, name) in of else '' for one in sets)]
         for name in used
     )
-    yield _table(('% right (95 % interval) of all whose place is in the map', *sets), rows)
+    known = {run['set']: run['known'] for run in runs}
+    heads = (f'{one}, of {known[one]}' for one in sets)
+    yield _table(('% right (95 % interval)', *heads), rows)
     for one in sets:
         shares = ', '.join(
             f'{name.removeprefix(_PUBLISHED)} {_percent(run["accuracy_all"])}'
@@ -166,7 +166,7 @@ def _accuracy(runs: Sequence[Summary]) -> Iterable[str]:
 def _right(told: Summary) -> str:
     low, high = told.get('accuracy_all_low'), told.get('accuracy_all_high')
     share = _percent(told['accuracy_all'])
-    return f'{share} ({_percent(low)}-{_percent(high)}) of {told["known"]}'
+    return f'{share} ({_percent(low)}-{_percent(high)})'
 
 
 def _counts(runs: Iterable[Summary]) -> list[str]:
