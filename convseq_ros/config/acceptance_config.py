@@ -13,9 +13,9 @@ class AcceptanceConfig(Checked):
     """When the best candidate is published as a match."""
 
     acceptance_rule: str = parameter(
-        'auto', 'belief needs a high probability after all frames so far, margin a higher score '
-        'than the best rival, always accepts the best candidate, as in the paper, auto is belief '
-        'with coherent matching, else margin.',
+        'auto', 'belief asks for a probability after all frames so far, margin for a lead over '
+        'the best rival, always accepts the best candidate, as in the paper; auto is belief with '
+        'coherent matching, else margin.',
         choices=('auto', 'belief', 'margin', 'always'),
     )
     min_confidence: float = parameter(
@@ -27,11 +27,11 @@ class AcceptanceConfig(Checked):
     )
     rival_distance: int = parameter(
         10, 'The candidates of an answer are further apart than this; by the margin rule, the '
-        'second is the rival of the first.',
+        'second is the rival.',
         unit='places', low=0, high=10000, dynamic=True,
     )
     num_candidates: int = 5  # per result; no two are closer than rival_distance
     closure_interval_s: float = parameter(
-        0.0, 'Least time between two accepted matches; 0 accepts every confident frame.',
+        0.0, 'Least time between two accepted matches.',
         unit='s', low=0.0, high=3600.0, dynamic=True,
     )

@@ -46,19 +46,19 @@ class EncodingConfig(Checked):
         low=0.0, high=1.0,
     )
     resize: str = parameter(
-        'exact', 'exact is the same on every processor, linear is what the paper used. All '
-        'places of a map need the same.', choices=('exact', 'linear'),
+        'exact', 'exact is the same on every processor, linear is as in the paper; all of a map '
+        'needs the same.', choices=('exact', 'linear'),
     )
     image_mask: str = parameter(
-        '', 'Picture that is black where images show the robot itself; empty uses that of the '
-        'map.', is_path=True,
+        '', 'Picture that is black where images show the robot; empty uses that of the map.',
+        is_path=True,
     )
     image_rotation_deg: int = parameter(
         0, 'Counter-clockwise rotation of images: 0, 90, 180 or 270.', unit='deg', low=0, high=270,
     )
     descriptor_model: str = parameter(
-        '', 'ONNX file of the network that selects the places to compare; empty for the built-in '
-        'descriptor. All places of a map need the same.', is_path=True,
+        '', 'ONNX file of the network that selects the places to compare, the same for all of a map; '
+        'empty for the built-in descriptor.', is_path=True,
     )
 
     def __post_init__(self) -> None:
@@ -73,19 +73,17 @@ class MatchingConfig(Checked):
     """How a pair of images is scored, and which pairs are scored."""
 
     matching: str = parameter(
-        'coherent', 'coherent counts regions that moved together, regional takes the mean '
-        'similarity of the best matching regions, as in the paper.',
+        'coherent', 'coherent counts regions that moved together, regional averages the best '
+        'matching regions, as in the paper.',
         choices=('coherent', 'regional'),
     )
     search: str = parameter(
-        'shortlist', 'shortlist compares the places that a coarse comparison finds likely, '
-        'exhaustive all of them, as in the paper.',
+        'shortlist', 'shortlist compares the likely places, exhaustive all, as in the paper.',
         choices=('exhaustive', 'shortlist'),
     )
     shortlist_length: int = 40  # places by the drive so far; a quarter more by the newest frame
     both_directions: bool = parameter(
-        False, 'Whether places are often passed in reverse order, as in reverse gear or by a '
-        'rear camera on the way back.',
+        False, 'Whether places are often passed in reverse order, as by a rear camera.',
     )
     threads: int = parameter(
         0, 'Threads that compare images; 0 uses at most two cores.',
@@ -102,7 +100,7 @@ class MotionConfig(Checked):
     # those that did not move are closer, 3 % that moved by a pixel of 640, and none by two.
     stationary_glance: float = 0.1
     stationary_m: float = parameter(
-        0.05, 'With odometry, the robot stands until it has moved this far or has turned by 18 '
+        0.05, 'With odometry, the robot stands until it has moved this far or turned by 18 '
         'degrees; 0 turns this off.',
         unit='m', low=0.0, high=100.0, dynamic=True,
     )
@@ -135,8 +133,8 @@ class KeyframeConfig(Checked):
         0.0, 'Least time between two keyframes.', unit='s', low=0.0, high=3600.0,
     )
     keyframe_distance_m: float = parameter(
-        0.0, 'With odometry, least distance between two keyframes, unless the robot has turned by '
-        '18 degrees.', unit='m', low=0.0, high=1000.0,
+        0.0, 'With odometry, least distance between two keyframes, or a turn of 18 degrees.',
+        unit='m', low=0.0, high=1000.0,
     )
     keyframe_overlap: float = parameter(
         0.75, 'A frame becomes a keyframe when at most this fraction of its regions moved '
@@ -145,12 +143,12 @@ class KeyframeConfig(Checked):
     )
     thumbnail_width_px: int = 128  # of the previews that a map stores; 0 stores none
     keypoints: int = parameter(
-        300, 'Keypoints that the map keeps of each place, a second witness by day; 0 keeps none.',
+        300, 'Keypoints that the map keeps of each place, a second witness by day.',
         low=0, high=MOST_KEYPOINTS,
     )
     keep_images_px: int = parameter(
-        0, 'Longer side of an image that the map keeps of each place, for better relative poses; '
-        '0 keeps none.', unit='px', low=0, high=1280,
+        0, 'Longer side of an image that the map keeps of each place, for better poses.',
+        unit='px', low=0, high=1280,
     )
 
     @property

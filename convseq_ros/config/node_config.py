@@ -22,8 +22,8 @@ class NodeConfig(Checked):
         is_path=True,
     )
     save_map_path: str = parameter(
-        '', 'File to which ~/save_map writes a copy of the map; if empty, online mode saves to '
-        'map_path.', dynamic=True, is_path=True,
+        '', 'File to which ~/save_map writes a copy; if empty, online mode saves to map_path.',
+        dynamic=True, is_path=True,
     )
     result_file: str = parameter(
         '', 'CSV file that gets a row for every frame; empty for none.', is_path=True,
@@ -50,8 +50,7 @@ class NodeConfig(Checked):
     )
     map_frame: str = parameter('map', 'TF frame of the poses in the map.', is_frame=True)
     position_sigma_m: float = parameter(
-        0.5, 'Standard deviation of positions in the map; a map that convseq map link -o made '
-        'brings its own, and the larger one counts.',
+        0.5, 'Standard deviation of positions in the map, unless the map tells a larger one.',
         unit='m', low=0.0, high=1000.0, dynamic=True,
     )
     heading_sigma_rad: float = 0.1  # the same for headings
@@ -60,8 +59,8 @@ class NodeConfig(Checked):
         unit='s', low=0.0, high=3600.0, dynamic=True,
     )
     publish_initial_pose: bool = parameter(
-        False, 'Whether a pose goes to `initialpose` each time the robot was lost and is '
-        'localised.', dynamic=True,
+        False, 'Whether initialpose gets a pose each time the robot was lost and is localised.',
+        dynamic=True,
     )
     publish_tf: bool = parameter(
         False, 'Whether map -> odom is on /tf and ~/map_to_odom; for a preloaded map with poses, '

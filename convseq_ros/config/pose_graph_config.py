@@ -22,34 +22,33 @@ class PoseGraphConfig(Checked):
         '~/map_to_odom.',
     )
     map_path: str = parameter(
-        '', 'Map file of vpr_node, whose drives with odometry and closures the graph begins with; '
-        'empty for none. It is only read.',
+        '', 'Map file of vpr_node, which is only read: the graph begins with its drives; empty '
+        'for none.',
         is_path=True,
     )
     tum_file: str = parameter(
-        '', 'File to which ~/save and the end write the keyframes as TUM; empty for '
-        'none.',
+        '', 'File to which ~/save and the end write the keyframes as TUM; empty for none.',
         is_path=True, dynamic=True,
     )
     g2o_file: str = parameter(
-        '', 'File to which ~/save and the end write the graph as g2o, and FILE.csv with the times '
-        'of its vertices; empty for none.',
+        '', 'File to which ~/save and the end write the graph as g2o, beside FILE.csv with the '
+        'times of its vertices; empty for none.',
         is_path=True, dynamic=True,
     )
     graph_spacing_m: float = parameter(
-        2.0, 'Distance travelled, or turn by 20 degrees instead, after which odometry becomes a '
-        'keyframe of the graph.', unit='m', low=0.01, high=1000.0,
+        2.0, 'Distance between two keyframes of the graph, or a turn of 20 degrees.',
+        unit='m', low=0.01, high=1000.0,
     )
     odometry_sigma_m: float = parameter(
-        0.15, 'Standard deviation of odometry after one metre; it grows with the square root of '
-        'the distance. A growing covariance of the messages counts instead.',
+        0.15, 'Standard deviation of odometry after one metre, growing with the square root of '
+        'the distance, where messages bring no growing covariance.',
         unit='m', low=1e-6, high=100.0,
     )
     odometry_sigma_rad: float = parameter(
         0.01, 'The same for the heading.', unit='rad', low=1e-6, high=3.0,
     )
     closure_sigma_m: float = parameter(
-        1.5, 'Standard deviation of the distance between both visits of a place, where it is not '
+        1.5, 'Standard deviation of the distance between two visits of a place that was not '
         'measured.', unit='m', low=0.001, high=1000.0,
     )
     closure_sigma_rad: float = parameter(

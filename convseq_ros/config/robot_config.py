@@ -23,9 +23,8 @@ class RobotConfig(Checked):
         dynamic=True,
     )
     odometry_way_error: float = parameter(
-        0.1, 'Largest error of odometry as a fraction of the distance; a place that contradicts '
-        'it by more gets less probability, and is implausible unless images are sure; the '
-        'expected motion spreads by it; 0 leaves odometry out.',
+        0.1, 'Largest error of odometry as a fraction of the distance; places beyond it get less '
+        'probability; 0 leaves odometry out.',
         low=0.0, high=10.0,
     )
     odometry_turn_error: float = 0.05  # in addition, as a fraction of the angle turned

@@ -22,8 +22,8 @@ class SequenceConfig(Checked):
         'the paper.', low=0.0, high=1.0, dynamic=True,
     )
     entropy_threshold: float = parameter(
-        0.5, 'A sequence grows while its mean entropy, as a fraction of 8 bits, is at most this; '
-        'the belief rule gives frames below it less weight; ET in the paper.',
+        0.5, 'A sequence grows up to this mean entropy, a fraction of 8 bits (ET in the paper); '
+        'belief gives frames below it less weight.',
         low=0.0, high=1.0, dynamic=True,
     )
     min_length: int = parameter(
@@ -39,8 +39,8 @@ class SequenceConfig(Checked):
         unit='frames', low=2, high=100, dynamic=True,
     )
     sequence_regions: str = parameter(
-        'own', 'Salient regions of a sequence: own takes those of each frame, as the paper says, '
-        'newest those of the newest frame, as its authors released it.',
+        'own', 'Salient regions of a sequence: own are those of each frame, as the paper says, '
+        'newest those of the newest, as its authors released it.',
         choices=('own', 'newest'),
     )
 
