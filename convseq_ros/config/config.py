@@ -57,8 +57,8 @@ class EncodingConfig(Checked):
         0, 'Counter-clockwise rotation of images: 0, 90, 180 or 270.', unit='deg', low=0, high=270,
     )
     descriptor_model: str = parameter(
-        '', 'ONNX file of the network that selects the places to compare, the same for all of a map; '
-        'empty for the built-in descriptor.', is_path=True,
+        '', 'ONNX file of the network that selects the places to compare, the same for all of a '
+        'map; empty for the built-in descriptor.', is_path=True,
     )
 
     def __post_init__(self) -> None:
