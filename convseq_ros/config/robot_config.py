@@ -17,9 +17,9 @@ class RobotConfig(Checked):
     """Where the camera is on the robot, and how far odometry is trusted."""
 
     camera_to_base: str = parameter(
-        _UNKNOWN_MOUNT, 'Pose of the upright camera in base_frame (x y z in metres, then roll '
-        'pitch yaw in radians; x along the lens, y left, z up), with a semicolon between several '
-        'cameras; the node prefers TF, commands prefer this to /tf_static of a recording.',
+        _UNKNOWN_MOUNT, 'Pose of the upright camera in base_frame: x y z in metres, roll pitch '
+        'yaw in radians, x along the lens; a semicolon between several cameras. The node prefers '
+        'TF, commands prefer this.',
         dynamic=True,
     )
     odometry_way_error: float = parameter(
