@@ -15,9 +15,7 @@ _PAGE = """\
 Printed by `docs/make_parameters.py`. They are the same for the node (`-p NAME:=VALUE`,
 `--params-file`), for `convseq replay --config FILE` and as options (`--min-margin 0.01`).
 `convseq config > my.yaml` prints all of them, ready to edit. Those marked * may change while the
-node runs; the others are read at the start. `build-map` takes `keyframe_...`, `keypoints`,
-`keep_images_px`, `stationary_m`, `image_size_px`, `resize`, `image_mask`, `image_rotation_deg`,
-`descriptor_model`, `matching`, `camera_to_base`, `max_image_mpx` and `max_file_mb`.
+node runs; the others are read at the start.
 
 """
 _TABLE = """\
