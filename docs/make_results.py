@@ -92,9 +92,13 @@ def _tables(results: Path, drawn: Sequence[str]) -> Iterable[str]:
     yield '### Accepted matches'
     shown = [run for run in decided if run['known']]
     yield _table(
-        ('set', 'known', 'right', 'slips', 'false'),
+        ('set', 'known', 'right', 'slips', 'false', 'first right match after'),
         (
-            ['drawn: ' * run['set'].startswith(tuple(drawn)) + run['set'], *_counts([run])]
+            [
+                'drawn: ' * run['set'].startswith(tuple(drawn)) + run['set'],
+                *_counts([run]),
+                _first(run),
+            ]
             for run in shown
         ),
     )
@@ -168,6 +172,11 @@ def _right(told: Summary) -> str:
 def _counts(runs: Iterable[Summary]) -> list[str]:
     keys = 'known', 'accepted_right', 'slips', 'false_closures'
     return [f'{sum(run[key] for run in runs):,}' for key in keys]
+
+
+def _first(run: Summary) -> str:
+    frames = run.get('frames_to_first_closure') or {}
+    return ', '.join('-' if one is None else str(one) for one in frames.values()) or '-'
 
 
 def _percent(share: float | None) -> str:

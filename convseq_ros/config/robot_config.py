@@ -18,8 +18,8 @@ class RobotConfig(Checked):
 
     camera_to_base: str = parameter(
         _UNKNOWN_MOUNT, 'Pose of the upright camera in base_frame: x y z in metres, roll pitch '
-        'yaw in radians, x along the lens; a semicolon between several cameras. The node prefers '
-        'TF, commands prefer this to TF.',
+        'yaw in radians, x along the lens, y left, z up; a semicolon between several cameras. The '
+        'node prefers TF, commands prefer this to TF.',
         dynamic=True,
     )
     odometry_way_error: float = parameter(
