@@ -54,7 +54,7 @@ def naming(mask, reading):
     return Config(encoding=EncodingConfig(image_mask=str(mask)), reading=reading)
 
 
-PADDING_JSON = '{"set": "a", "method": "b", "protocol_version": 2}' + ' ' * 300
+PADDING_JSON = '{"set": "a", "method": "b", "protocol_version": 3}' + ' ' * 300
 WHOLE_FILES = {
     'parameters': (text_of(PADDING + '/**:\n  ros__parameters: {}\n'), read_parameter_file),
     'data set': (text_of(PADDING + DATA_SET), lambda p, r: open_data_set(f'{p}', reading=r)),
