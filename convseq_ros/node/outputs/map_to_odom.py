@@ -33,7 +33,7 @@ class MapToOdom:
         self._tf: Any = None
         self.stamp_ns = 0  # of the last transform
         self.odom_frame = ''
-        self.problem = ''  # why it is not broadcast, although it is wanted
+        self._other = self._frame = ''  # why it is not broadcast: ever again, or now
         if is_broadcast:
             try:
                 from tf2_msgs.msg import TFMessage
@@ -52,13 +52,16 @@ class MapToOdom:
         if 0 <= stamp_ns - self.stamp_ns < _PERIOD_NS:
             return
         odom_frame = odom_frame.lstrip('/')  # of ROS 1; TF 2 has none
+        self._frame = ''
         if not odom_frame or odom_frame == self._map_frame:
-            self._stop(f'odometry is in frame {odom_frame!r}: set another one, such as odom')
+            why = f'odometry is in frame {odom_frame!r}; set another one, such as odom'
+            self._frame = f'map -> odom is not published: {why}'
+            self._node.get_logger().error(self._frame, once=True)
             return
         self.stamp_ns, self.odom_frame = stamp_ns, odom_frame
         message = transform_message(stamp_ns, self._map_frame, odom_frame, pose)
         self._topic.publish(message)
-        if self._tf and not self.problem:
+        if self._tf and not self._other:
             ahead_ns = stamp_ns + _AHEAD_NS
             self._sent.append(ahead_ns)
             ahead = transform_message(ahead_ns, self._map_frame, odom_frame, pose)
@@ -69,15 +72,17 @@ class MapToOdom:
             # Only one parent is allowed, whatever its name is.
             if one.child_frame_id.lstrip('/') == self.odom_frame and self.odom_frame:
                 if stamp_to_ns(one.header.stamp) not in self._sent:
-                    self._stop(
-                        f'{one.header.frame_id} -> {self.odom_frame} is on /tf already; end its '
-                        'other publisher, or set publish_tf: false'
+                    self._other = (
+                        f'map -> odom is not broadcast: {one.header.frame_id} -> '
+                        f'{self.odom_frame} is on /tf already; end its other publisher, or set '
+                        'publish_tf: false'
                     )
+                    self._node.get_logger().error(self._other, once=True)
 
-    def _stop(self, problem: str) -> None:
-        if not self.problem:
-            self.problem = f'map -> odom is not broadcast: {problem}'
-            self._node.get_logger().error(self.problem)
+    @property
+    def problem(self) -> str:
+        """Why it is not published, or not broadcast although it is wanted."""
+        return self._other or self._frame
 
 
 def transform_message(
