@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The numbers of all places, in arrays that grow."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 from mmap import MAP_ANONYMOUS, MAP_PRIVATE, mmap
 import sys
@@ -102,6 +102,18 @@ class Places(Sequence[Place]):
     def columns(self) -> npt.NDArray[Any]:
         """The numbers of all places, (R,), by name; do not write to them."""
         return self._rows.view
+
+    def join(
+        self, other: 'Places', indices: Sequence[int], session: int, poses: Mapping[int, Pose]
+    ) -> None:
+        """Add places of another map to a session; some with other poses, by their index there."""
+        chosen = np.array(indices, np.int64)
+        rows = other.columns[chosen]
+        rows['session'] = session
+        for at in np.flatnonzero(np.isin(chosen, [*poses])):
+            rows['pose'][at] = Place(0, pose=poses[int(chosen[at])]).pose_numbers
+        self.descriptors.extend(other.descriptors.view[chosen])
+        self._add(rows)
 
     def first(self, count: int) -> 'Places':
         """Return a copy of the first places."""

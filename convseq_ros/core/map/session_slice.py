@@ -76,10 +76,7 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
     origins = [(part.reference_map, index) for part in slices for index in part.places]
     places = Places(first.global_descriptors.shape[1], len(origins))
     for number, part in enumerate(slices):
-        for index in part.places:
-            place = part.reference_map.places[index]
-            place = replace(place, pose=part.poses.get(index, place.pose), session=number)
-            places.append(place, part.reference_map.global_descriptors[index])
+        places.join(part.reference_map.places, part.places, number, part.poses)
 
     def read(indices: Sequence[int], with_images: bool) -> list[Picture]:
         pictures, by_map = dict[int, Picture](), dict[ReferenceMap, list[int]]()
