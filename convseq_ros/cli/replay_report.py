@@ -115,7 +115,7 @@ class ReplayReport:
         if not points and not np.isfinite(drive).any():
             return []
         axes = (figure := new_figure(6, 4.5)).add_subplot()
-        axes.plot(*drive.T, linewidth=2.5, color='#1c7ed6', label='this drive')
+        axes.plot(*drive.T, linewidth=2.5, color='black', label='this drive')
         ends = ((drive[at], places[to]) for at, to in self._places.items() if to in points)
         known = ((start, end) for start, end in ends if np.isfinite(start).all())
         draw_arcs(axes, known, COLORS[Reason.ACCEPTED])
