@@ -3,6 +3,7 @@
 """Services and dynamic parameters act between two frames; no frame is lost by them."""
 
 import os
+import shutil
 from unittest.mock import Mock
 
 from convseq_ros.core.map.reader import open_map
@@ -82,6 +83,17 @@ def test_save_map_path_decides_where_a_map_is_saved(client, vpr, street_map, map
     answer = client.call(Trigger, '/vpr_node/save_map')
     assert (answer.success, answer.message) == (True, str(path))
     assert list(open_map(path, street_map.encoding).places) == list(street_map.places)
+
+
+def test_a_growing_map_whose_file_is_gone_is_saved_elsewhere_or_left(
+    client, vpr, map_path, tmp_path
+):
+    gone, copy = (shutil.copy(map_path, tmp_path / name) for name in ('gone.db', 'copy.db'))
+    vpr(map_path=gone, mode='online', keyframe_overlap=1, save_map_path=copy)
+    gone.unlink()
+    assert client.call(Trigger, '/vpr_node/save_map').success
+    answer = client.call(LoadMap, '/vpr_node/load_map', map_url=str(copy))
+    assert answer.result == LoadMap.Response.RESULT_SUCCESS
 
 
 UNSAVED = {

@@ -108,8 +108,7 @@ class MapServices:
         return response
 
     def _open(self, path: Path) -> Pipeline:
-        present = self._recognition.pipeline
-        if present.is_persisted and path.exists() and path.samefile(present.path or ''):
+        if _grows_in(self._recognition.pipeline, path):
             raise MapError(f'{path}: is already the map in use, and grows; name another')
         pipeline = self._open_pipeline(path, False)
         for line in pipeline.ignored:
@@ -140,7 +139,7 @@ class MapServices:
             raise MapError('there is no map to save; load one with ~/load_map')
         if self._save_path:
             target = Path(self._save_path)
-            if pipeline.is_persisted and target.exists() and target.samefile(pipeline.path or ''):
+            if _grows_in(pipeline, target):
                 raise MapError(f'{target}: is the map that is growing; leave save_map_path empty')
             results = [Path(self._result_file)] if self._result_file else []
             OutputFile('save_map_path', target, ANY).refuse(results)
@@ -165,6 +164,12 @@ class MapServices:
                 raise MapError(f'the frame at hand takes more than {_ANSWER_S:g} s; try again')
             wait([future], _POLL_S)
         return future.result()
+
+
+def _grows_in(pipeline: Pipeline, path: Path) -> bool:
+    """Return whether places are added to this file, which may be gone."""
+    own = pipeline.path if pipeline.is_persisted else None
+    return bool(own and own.exists() and path.exists() and path.samefile(own))
 
 
 def _refuse_another(target: Path, map_id: str) -> None:
