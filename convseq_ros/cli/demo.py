@@ -62,7 +62,6 @@ def run(chosen: argparse.Namespace) -> int:
     cameras, report = Cameras(open_map(map_path), Config()), ReplayReport()
     with opened(folder / 'offline.csv') as write:
         frames = len([*replay(source, cameras, write, report.add)])
-    report.write(folder / 'demo.html', _CAPTION, cameras.first)
     offline = read_results(folder / 'offline.csv')
 
     median_ms = statistics.median(float(row['duration_ms']) for row in offline)
@@ -76,6 +75,7 @@ def run(chosen: argparse.Namespace) -> int:
 
     print(f'\n{_CAPTION}\n')
     print(_table(live, offline, truth))
+    report.write(folder / 'demo.html', _CAPTION, cameras.first)
     print(f'\nresults  {folder / "live.csv"}\npage     {folder / "demo.html"}')
     return 0
 
