@@ -100,10 +100,10 @@ def stages(rows: Iterable[Row]) -> list[list[str]]:
         what, _, kind = row['what'].rpartition(', ')
         if kind == 'by stage' and is_main(row):
             by_size.setdefault(what, {})[row['side']] = row['value']
-    for what in [*by_size][len(by_size) // 2 :]:
-        lines = ([name, number(value)] for name, value in by_size[what].items())
-        return [['stage', f'{what}, ms'], *lines]
-    return []
+    if not by_size:
+        return []
+    what, took_ms = [*by_size.items()][len(by_size) // 2]
+    return [['stage', f'{what}, ms'], *([name, number(ms)] for name, ms in took_ms.items())]
 
 
 def main(rows: Iterable[Row]) -> list[list[str]]:

@@ -143,12 +143,12 @@ class KeyframeConfig(Checked):
     )
     thumbnail_width_px: int = 128  # of the previews that a map stores; 0 stores none
     keypoints: int = parameter(
-        300, 'Keypoints that the map keeps of each place, a second witness by day.',
+        300, 'Keypoints that the map keeps of each place, a second witness by day; 0 keeps none.',
         low=0, high=MOST_KEYPOINTS,
     )
     keep_images_px: int = parameter(
-        0, 'Longer side of an image that the map keeps of each place, for better poses.',
-        unit='px', low=0, high=1280,
+        0, 'Longer side of an image that the map keeps of each place, for better poses; 0 keeps '
+        'none.', unit='px', low=0, high=1280,
     )
 
     @property
