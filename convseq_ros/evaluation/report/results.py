@@ -162,8 +162,8 @@ def _show_truth(axes: Any, truth: Flags) -> None:
             (np.arange(count) + 0.5) * total / count - 0.5
             for count, total in zip(small.shape, truth.shape, strict=True)
         )
-        axes.contour(columns, rows, small, levels=[0.5], colors='white', linewidths=0.8)
-        axes.plot([], [], color='white', label='white: edge of the truth')
+        axes.contour(columns, rows, small, levels=[0.5], colors='magenta', linewidths=0.8)
+        axes.plot([], [], color='magenta', label='edge of the truth')
 
 
 def _show_matches(axes: Any, matches: Indices, verdicts: npt.NDArray[np.str_]) -> None:
